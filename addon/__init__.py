@@ -33,6 +33,7 @@ def register() -> None:
         undo.callback(bpy.utils.unregister_cli_command, command)
         handlers = bpy.app.handlers
         for when, handler in (
+            (handlers.load_pre, operators.give_scene_back),
             (handlers.load_post, operators.forget_last_bake),
             (handlers.save_pre, operators.take_live_off),
             (handlers.save_post, operators.keep_pages),

@@ -6,7 +6,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -23,6 +23,10 @@ class Process(Protocol):
     def kill(self) -> None: ...
 
 
+def _do_nothing() -> None:
+    pass
+
+
 @dataclass
 class BakeState:
     """One bake: begin, then drain or wait until it gives how the bake ended, then end.
@@ -34,6 +38,7 @@ class BakeState:
     discarded   the child was killed at the user's wish: that is no error
     notice      what the user has to do before the result can be shown, "" nothing
     previews    the newest file of each page that has not been shown yet
+    give_back   puts the scene back as it was, where it is being read
     result      the core's result file, once it is on the objects; `seconds` is then the whole bake's
     """
 
@@ -52,6 +57,7 @@ class BakeState:
     seconds: float = 0.0
     target: float = 0.0
     previews: dict[int, str] = field(default_factory=dict)
+    give_back: Callable[[], None] = _do_nothing
     _began: float = 0.0
     _process: Process | None = None
     _queue: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
@@ -81,8 +87,15 @@ class BakeState:
         self.discard()
         self.__init__(scene, self.worn)  # type: ignore[misc]  # the panel and the operators hold this very object
 
+    def prepare(self, process: Process, began: float, give_back: Callable[[], None], scene: int = 0) -> None:
+        """The scene is read for a process that waits; `give_back` puts it back as it was, before something else happens to it."""
+        self.forget(scene)
+        self.stage, self._began, self._process, self.give_back = "Reading the scene", began, process, give_back
+
     def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0, scene: int = 0) -> None:
         """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""
+        if process is self._process:  # it has waited for this
+            self._process = None
         self.forget(scene)
         self.target = target
         self.stage, self._began, self._process = "Starting", began, process

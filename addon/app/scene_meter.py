@@ -37,10 +37,11 @@ class SceneMeter:
     problem    why there is none, as a sentence
     stale      the scene or the settings changed since
     version    grows with every change of what would be baked
+    updates    grows with every change of geometry, place or shading
     """
 
     def __init__(self) -> None:
-        self.version = 0
+        self.version = self.updates = 0
         self.clear()
 
     def clear(self) -> None:
@@ -195,6 +196,8 @@ def note_changes(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
     if meter is None:
         return
     changed = [update.id for update in depsgraph.updates if update.is_updated_geometry or update.is_updated_transform]
+    # What is selected or shown in the viewport changes the scene as well, but none of what is read.
+    meter.updates += any(one.is_updated_geometry or one.is_updated_transform or one.is_updated_shading for one in depsgraph.updates)
     meter.note({block.original.session_uid for block in changed if isinstance(block, bpy.types.Object)})
 
 

@@ -11,6 +11,7 @@ import os
 import tempfile
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from ...core.output.image_room import SPARE_PREFIX
 from ...core.scene.snapshot import save_snapshot
 from ...core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ...core.util.messages import Done, Message, Status, Warning_
+from ...core.util.steps import Pause, Steps, run_aside, run_steps
 from ..read import baked_copies, export_scene
 from ..read.export_pieces import walk_pieces
 from ..read.export_receivers import LINKED
@@ -34,7 +36,7 @@ from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
 from ..show.layout import Layout, mark_layout, read_layout
 from ..show.page_store import find_folder, keep_page
-from ..show.scene_prints import Baked, Prints, describe_changes, list_changes, mark_prints, print_scene, read_marked
+from ..show.scene_prints import Baked, Prints, describe_changes, list_changes, mark_prints, read_marked, walk_prints
 from . import spare_images
 from .arguments import BakeRequest
 from .job import library_paths
@@ -71,13 +73,17 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
 
     Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
     """
+    return run_steps(prepare_steps(context.scene, context.view_layer, request, folder))
+
+
+def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, request: BakeRequest, folder: Path) -> Steps[Session]:
+    """`prepare` in steps. Between them the scene may look as it is rendered; closing the generator puts everything back."""
     check_folder(request.output)
     drop_broken_marks()
     if request.resume:
         request = replace(request, settings=keep_layout(request.resume, request.settings))
     start = time.monotonic()
     began, limit = request.began or start, request.settings.time_limit
-    scene = context.scene
     shown = restore.is_preview_on(scene)
     if shown:  # an earlier bake must not be baked
         restore.toggle_preview(scene, False)
@@ -85,26 +91,34 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
         until = began + limit if limit else math.inf
         image_file.load_ahead(library_paths())
         most = max(_SHOWN_TEXELS * request.settings.size, _LEAST_TEXELS)
-        export = export_scene.export_scene(context, list(request.objects) or None, request.uv_layer or None, until=until, most_texels=most)
+        names, layer = list(request.objects) or None, request.uv_layer or None
+        reading = yield from export_scene.read_scene(scene, names, layer, view_layer, until, most)
+        prints: Prints = {}
         with registered():
-            prints = print_scene(scene, context.view_layer)
+            for name, digest in walk_prints(scene, view_layer, {}):
+                prints[name] = digest
+                yield Pause.HOLD
     finally:
         if shown:
             restore.toggle_preview(scene, True)
+    marked = read_marked(scene)
     name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
     output, taken = request.output.resolve(), _list_taken(scene, request)
+    yield Pause.FREE
+    export = yield from reading.arrange()
     after_s = _AFTER_S + _AFTER_OF_EXPORT * (time.monotonic() - start)
     job = Job(request.settings, str(output), name, request.preview, resume, keep, request.keep_mb, blend, taken, began, after_s)
-    kept = None if request.settings.force or resume else find_kept_bake(export.snapshot, job)
+    kept = None if request.settings.force or resume else (yield from run_aside(partial(find_kept_bake, export.snapshot, job)))
     if kept and _lacks_state(job, kept):
         kept = None
+    yield Pause.FREE
     try:
         if kept is None:
-            save_snapshot(folder / SNAPSHOT_FILE, export.snapshot)
+            yield from run_aside(partial(save_snapshot, folder / SNAPSHOT_FILE, export.snapshot))
             job.save(folder)
-            _check_state(scene, request, folder, prints)
+            _check_state(marked, request, folder, prints)
         else:
             kept.restore(folder)
     except OSError as reason:
@@ -114,14 +128,13 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> S
     return Session(folder, request, export, prints, kept)
 
 
-def _check_state(scene: bpy.types.Scene, request: BakeRequest, folder: Path, prints: Prints) -> None:
+def _check_state(marked: Baked | None, request: BakeRequest, folder: Path, prints: Prints) -> None:
     """Raises ValueError with a sentence where the state to go on from is of another scene or method; the core finds that much later."""
     if request.resume is None:
         return
     differing = [name for name in find_differences(request.resume, folder, request.settings) if name not in _KNOBS_OF_CORE]
     if not differing:
         return
-    marked = read_marked(scene)
     changes = list_changes(marked.prints, prints) if marked and "scene" in differing else []
     if changes:
         raise ValueError(f"{describe_changes(changes)}. Refine cannot go on from it: press Bake, or undo the change.")

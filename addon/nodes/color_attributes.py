@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,20 @@ class ColorLayer:
             return np.nan_to_num(self.formula(rgb), posinf=0.0, neginf=0.0).astype(np.float32)
 
 
+class Placed(Protocol):
+    """A mesh at its place, which is only computed where it is asked for."""
+
+    @property
+    def world(self) -> WorldMesh: ...
+
+
 @dataclass(frozen=True)
 class Faces:
     """The triangles of an object that wear a material.
 
     name         the object's
-    tri          (n_tri,) bool, which of the world mesh's
+    placed       gives its triangles in the world
+    slot         which of its n_slot material slots they have; faces of a higher number have the last
     source       the object, or the one that makes an instance of what is shown
     shown        evaluated object
     matrix       (4, 4) float, object to world; None is the identity
@@ -62,13 +70,25 @@ class Faces:
 
     name: str
     local: LocalMesh
-    world: WorldMesh
-    tri: NDArray[np.bool_]
+    placed: Placed
+    slot: int
+    n_slot: int
     source: Any
     shown: Any
     is_instance: bool
     matrix: Any = None
     receives: bool = True
+
+    @property
+    def world(self) -> WorldMesh:
+        """All triangles of the object."""
+        return self.placed.world
+
+    @property
+    def tri(self) -> NDArray[np.bool_]:
+        """(n_tri,) which of those of the world mesh these are."""
+        found: NDArray[np.bool_] = np.clip(self.world.tri_slot, 0, self.n_slot - 1) == self.slot
+        return found
 
     def find_range(self, layer: ColorLayer) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The least, mean by area, and greatest of a layer's colours, (3,) each; None where the mesh has no such colours."""

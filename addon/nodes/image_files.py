@@ -81,6 +81,11 @@ class ImageFiles:
             self._begun |= {uid: pool.submit(read_file, *question, self._most) for uid, question in asked.items()}
             pool.shutdown(wait=False)
 
+    @property
+    def is_reading(self) -> bool:
+        """Whether threads are at work yet."""
+        return not all(begun.done() for begun in self._begun.values())
+
     def take(self, image: Any) -> ImagePixels | None:
         """The pixels of an image; None where Blender must read it."""
         begun = self._begun.pop(image.session_uid, None)

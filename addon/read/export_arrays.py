@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from ...core.scene.scene import TEXTURE_UVS
 from ...core.util.arrays import FloatArray, IntArray
+from ...core.util.steps import Pause, Steps
 from ..nodes.color_attributes import ColorLayer, Faces
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh
 from ..nodes.polygon_atlas import BakedLayer
-from ..nodes.texture_mapping import OBJECT, UV, WORLD, UvMapping
-from .export_mesh import place_mesh
+from ..nodes.texture_mapping import GENERATED, OBJECT, UV, WORLD, UvMapping
+from .export_mesh import PlacedMesh
 from .export_pieces import CURVE, OWN, STRANDS, Piece
-from .materials_read import MaterialTable
+from .materials_read import MaterialReading, MaterialTable
 from .render_levels import Warnings
 
 
@@ -36,35 +37,71 @@ class PieceArrays:
         return len(self.tri_material)
 
 
-def read_piece(
-    piece: Piece, local: LocalMesh, materials: MaterialTable, uv_layer: str | None, warnings: Warnings, receives: bool = True
-) -> PieceArrays:
-    """A piece in the world, with the materials of its slots; `uv_layer` fills tri_uv, None leaves it zero."""
-    world = place_mesh(local, piece.matrix)
-    n_tri = len(world.tri_slot)
+@dataclass(frozen=True)
+class WornPiece:
+    """All that Blender knows of a piece: the rest is computed of this.
+
+    name           of its source
+    slot_material  (n_slot,) int32, which of the table's materials each of its slots is
+    generated      (n_vertex, 3) float64: what a texture's Generated coordinates are, None where no texture shows them
+    """
+
+    name: str
+    placed: PlacedMesh
+    slot_material: NDArray[np.int32]
+    is_strands: bool
+    generated: FloatArray | None
+
+
+def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, receives: bool = True) -> WornPiece:
+    """A piece with the materials of its slots, which are read."""
+    placed = PlacedMesh(local, piece.matrix)
     slots = [materials.override] if materials.override else list_materials(piece.evaluated)
-    slot = np.clip(world.tri_slot, 0, len(slots) - 1)  # as Cycles does
-    used = np.unique(slot)
-    slot_material = np.zeros(len(slots), np.int32)
+    used = np.flatnonzero(np.bincount(np.clip(local.polygon_slot, 0, len(slots) - 1), minlength=len(slots)))  # as Cycles does
     worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE, STRANDS)
-    slot_material[used] = [
-        materials.index(slots[index], Faces(piece.source.name, local, world, slot == index, *worn, piece.matrix, receives))
-        for index in used
-    ]
-    tri_material = slot_material[slot]
+    slot_material = np.zeros(len(slots), np.int32)
+    for slot in used.tolist():
+        faces = Faces(piece.source.name, local, placed, slot, len(slots), *worn, piece.matrix, receives)
+        slot_material[slot] = materials.index(slots[slot], faces)
+    is_strands = piece.kind == STRANDS
+    readings = [materials.readings[index] for index in slot_material[used]]
+    shows = not is_strands and any(_is_generated(mapping) for reading in readings for _, mapping in _list_mappings(reading))
+    generated = _read_generated(piece, local) if shows else None
+    return WornPiece(piece.source.name, placed, slot_material, is_strands, generated)
+
+
+def arrange_piece(worn: WornPiece, materials: MaterialTable, uv_layer: str | None, warnings: Warnings) -> Steps[PieceArrays]:
+    """A piece's part of the snapshot; `uv_layer` fills tri_uv, None leaves it zero."""
+    local, world = worn.placed.local, (yield from worn.placed.steps())
+    n_tri = len(world.tri_slot)
+    tri_material = worn.slot_material[np.clip(world.tri_slot, 0, len(worn.slot_material) - 1)]
     texture_uv = {name: np.zeros((n_tri, 3, 2), np.float32) for name in TEXTURE_UVS}
     clear = []
-    for index in np.unique(tri_material):
+    for index in _list_used(tri_material):
         reading = materials.readings[index]
         clear.append(reading.is_clear)
-        here = tri_material == index
-        corner = world.tri_corner[here]
-        for name, images in TEXTURE_UVS.items():
-            if max(getattr(reading.material, image) for image in images) >= 0:
-                mapping = getattr(reading, images[0].replace("_image", "_mapping"))
-                texture_uv[name][here] = _texture_uv(piece, local, corner, mapping, materials, warnings)
+        here = corner = None
+        for name, mapping in _list_mappings(reading):
+            if corner is None:
+                here = tri_material == index
+                corner = world.tri_corner[here]
+            texture_uv[name][here] = _texture_uv(worn, corner, mapping, materials, warnings)
+            yield Pause.FREE
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
     return PieceArrays(world, tri_material, tri_uv, texture_uv, bool(clear) and all(clear))
+
+
+def _list_used(tri_material: NDArray[np.int32]) -> list[int]:
+    return [] if not len(tri_material) else np.flatnonzero(np.bincount(tri_material)).tolist()
+
+
+def _list_mappings(reading: MaterialReading) -> list[tuple[str, UvMapping | ColorLayer | BakedLayer]]:
+    """The texture coordinates that a material needs, by the names of TEXTURE_UVS, and how they are mapped."""
+    return [
+        (name, getattr(reading, images[0].replace("_image", "_mapping")))
+        for name, images in TEXTURE_UVS.items()
+        if max(getattr(reading.material, image) for image in images) >= 0
+    ]
 
 
 def list_materials(evaluated: Any) -> list[Any]:
@@ -76,60 +113,70 @@ def list_materials(evaluated: Any) -> list[Any]:
     return [material and material.original for material in found] or [None]
 
 
-def join_arrays(pieces: Sequence[PieceArrays]) -> dict[str, NDArray[Any]]:
+def join_arrays(pieces: Sequence[PieceArrays]) -> Steps[dict[str, NDArray[Any]]]:
     """The arrays of a SceneSnapshot by name; object i is pieces[i]."""
     first_vertex = np.cumsum([0, *(len(piece.world.vertex_position) for piece in pieces)])
     tri_object: IntArray = np.repeat(np.arange(len(pieces), dtype=np.int32), [piece.n_tri for piece in pieces])
     shifted = [piece.world.tri_vertex + np.int32(first) for piece, first in zip(pieces, first_vertex[:-1], strict=True)]
-    return {
-        "vertex_position": np.concatenate([piece.world.vertex_position for piece in pieces]),
-        "tri_vertex": np.concatenate(shifted),
-        "tri_object": tri_object,
-        "tri_material": np.concatenate([piece.tri_material for piece in pieces]),
-        "tri_polygon": np.concatenate([piece.world.tri_polygon for piece in pieces]),
-        "tri_corner": np.concatenate([piece.world.tri_corner for piece in pieces]),
-        "tri_normal": np.concatenate([piece.world.tri_normal for piece in pieces]),
-        "tri_uv": np.concatenate([piece.tri_uv for piece in pieces]),
-        **{name: np.concatenate([piece.texture_uv[name] for piece in pieces]) for name in TEXTURE_UVS},
-    }
+    joined: dict[str, NDArray[Any]] = {"tri_vertex": np.concatenate(shifted), "tri_object": tri_object}
+    for name in ("vertex_position", "tri_polygon", "tri_corner", "tri_normal"):
+        joined[name] = np.concatenate([getattr(piece.world, name) for piece in pieces])
+        yield Pause.FREE
+    for name in ("tri_material", "tri_uv"):
+        joined[name] = np.concatenate([getattr(piece, name) for piece in pieces])
+        yield Pause.FREE
+    for name in TEXTURE_UVS:
+        joined[name] = np.concatenate([piece.texture_uv[name] for piece in pieces])
+        yield Pause.FREE
+    return joined
 
 
 def _texture_uv(
-    piece: Piece,
-    local: LocalMesh,
+    worn: WornPiece,
     corner: IntArray,
     mapping: UvMapping | ColorLayer | BakedLayer,
     materials: MaterialTable,
     warnings: Warnings,
 ) -> NDArray[np.float32]:
     """Texture coordinates of triangles' corners; without the layer the texture's origin, as in Cycles."""
+    local = worn.placed.local
     if isinstance(mapping, ColorLayer):
         return materials.colors.place(local, mapping, corner)
     if isinstance(mapping, BakedLayer):
         return materials.baker.find_corners(mapping)[corner].astype(np.float32)
     if mapping.space != UV:
-        coordinates = _find_positions(piece, local, mapping.space)[local.corner_vertex[corner]]
+        coordinates = _find_positions(worn, mapping.space)[local.corner_vertex[corner]]
     elif (layer := local.layers.get(mapping.layer or local.render_layer)) is not None:
         coordinates = layer[corner]
     else:
         what = f"UV layer {mapping.layer}" if mapping.layer else "UV layer"
         warnings.append(
             (
-                piece.source.name,
+                worn.name,
                 f"has no {what}, so its texture shows one colour everywhere; unwrap it, or choose another layer in the material",
             )
         )
         coordinates = np.zeros((*corner.shape, 2))
-    normal = _find_normals(local, corner, piece.matrix) if mapping.box else None
+    normal = _find_normals(local, corner, worn.placed.matrix) if mapping.box else None
     return np.nan_to_num(mapping.apply(coordinates, normal)).astype(np.float32)
 
 
-def _find_positions(piece: Piece, local: LocalMesh, space: str) -> FloatArray:
+def _is_generated(mapping: UvMapping | ColorLayer | BakedLayer) -> bool:
+    return isinstance(mapping, UvMapping) and mapping.space == GENERATED
+
+
+def _find_positions(worn: WornPiece, space: str) -> FloatArray:
     """(n_vertex, 3) float64: what a texture's mapping counts as the place of each vertex."""
-    if space == OBJECT or piece.kind == STRANDS:
+    local, matrix = worn.placed.local, worn.placed.matrix
+    if space == OBJECT or worn.is_strands:
         return local.position
     if space == WORLD:
-        return local.position @ piece.matrix[:3, :3].T + piece.matrix[:3, 3]
+        return local.position @ matrix[:3, :3].T + matrix[:3, 3]
+    assert worn.generated is not None
+    return worn.generated
+
+
+def _read_generated(piece: Piece, local: LocalMesh) -> FloatArray:
     mesh, own = piece.evaluated.data, piece.evaluated.original.data
     if hasattr(own, "vertices") and len(own.vertices) == len(local.position):
         mesh = own  # as it is before modifiers move it

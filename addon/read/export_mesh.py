@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.util.arrays import FloatArray, IntArray
+from ...core.util.steps import Pause, Steps, run_steps
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh, read_corner_vertices, read_faces, read_positions
 from .mesh_attributes import read_attributes
+
+_BLOCK_TRIANGLES = 1 << 15  # between two pauses; what is computed at once stays in the cache
 
 
 def read_mesh(mesh: Any, asked: frozenset[str] = frozenset(), left_out: str = "") -> LocalMesh:
@@ -56,34 +59,66 @@ def has_corners_of(mesh: Any, local: LocalMesh) -> bool:
     return np.array_equal(start, local.polygon_start) and np.array_equal(read_corner_vertices(mesh), local.corner_vertex)
 
 
+class PlacedMesh:
+    """A mesh in the world, which is computed when it is first asked for, or in steps."""
+
+    def __init__(self, local: LocalMesh, matrix: FloatArray) -> None:
+        self.local, self.matrix = local, matrix
+        self._world: WorldMesh | None = None
+
+    @property
+    def world(self) -> WorldMesh:
+        """All at once."""
+        return run_steps(self.steps())
+
+    def steps(self) -> Steps[WorldMesh]:
+        """The same, with pauses."""
+        if self._world is None:
+            self._world = yield from place_steps(self.local, self.matrix)
+        return self._world
+
+
 def place_mesh(local: LocalMesh, matrix: FloatArray) -> WorldMesh:
     """A mesh in the world.
 
     matrix  (4, 4) float, object to world; where it mirrors, the winding is turned so that fronts stay fronts, as in Cycles
     """
+    return run_steps(place_steps(local, matrix))
+
+
+def place_steps(local: LocalMesh, matrix: FloatArray) -> Steps[WorldMesh]:
+    """place_mesh, a block of triangles at a time."""
     linear, shift = np.asarray(matrix, np.float64)[:3, :3], np.asarray(matrix, np.float64)[:3, 3]
     with np.errstate(invalid="ignore", over="ignore"):
         position = local.position @ linear.T + shift
         mirrored = bool(np.linalg.det(linear) < 0.0)
-    tri_corner = local.tri_corner[:, [0, 2, 1]] if mirrored else local.tri_corner
+    tri_corner, tri_polygon = local.tri_corner[:, [0, 2, 1]] if mirrored else local.tri_corner, local.tri_polygon
     tri_vertex = local.corner_vertex[tri_corner]
-    finite = np.isfinite(position).all(axis=1)[tri_vertex].all(axis=1)
     broken = np.zeros(local.n_polygon, bool)
-    broken[local.tri_polygon[~finite]] = True
-    finite = ~broken[local.tri_polygon]
-    tri_corner, tri_vertex, tri_polygon = tri_corner[finite], tri_vertex[finite], local.tri_polygon[finite]
+    finite_vertex = np.isfinite(position).all(axis=1)
+    if not finite_vertex.all():
+        broken[tri_polygon[~finite_vertex[tri_vertex].all(axis=1)]] = True
+        finite = ~broken[tri_polygon]
+        tri_corner, tri_vertex, tri_polygon = tri_corner[finite], tri_vertex[finite], tri_polygon[finite]
 
     used = np.zeros(len(position), bool)
     used[tri_vertex] = True
     tri_vertex = (np.cumsum(used, dtype=np.int32) - 1)[tri_vertex].astype(np.int32, copy=False)
     vertex_position = position[used]
+    tri_normal = np.empty((len(tri_corner), 3, 3), np.float32)
+    for low in range(0, len(tri_corner), _BLOCK_TRIANGLES):
+        if low:
+            yield Pause.FREE
+        block = slice(low, low + _BLOCK_TRIANGLES)
+        corner = vertex_position[tri_vertex[block]]
+        tri_normal[block] = _world_normals(local.corner_normal[tri_corner[block]], linear, mirrored, corner)
     return WorldMesh(
         vertex_position=vertex_position,
         tri_vertex=tri_vertex,
         tri_corner=np.ascontiguousarray(tri_corner),
         tri_polygon=tri_polygon,
         tri_slot=local.polygon_slot[tri_polygon],
-        tri_normal=_world_normals(local.corner_normal[tri_corner], linear, mirrored, vertex_position[tri_vertex]),
+        tri_normal=tri_normal,
         left_out=int(broken.sum()),
     )
 

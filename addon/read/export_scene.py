@@ -7,15 +7,17 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import bpy
 
 from ...core.scene.scene import Light, SceneObject, SceneSnapshot
+from ...core.util.steps import Pause, Steps, run_steps
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS
 from ..nodes.mesh_arrays import LocalMesh
 from .baked_copies import find_users_mesh
-from .export_arrays import PieceArrays, join_arrays, read_piece
+from .export_arrays import PieceArrays, WornPiece, arrange_piece, join_arrays, read_piece
 from .export_mesh import count_duplicates, read_mesh
 from .export_pieces import COLLECTION, CURVE, OWN, STRANDS, Piece, PieceKey, walk_pieces
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
@@ -87,6 +89,17 @@ def export_scene(
     most_texels  on a side of a texture: more than pages can show need not be read
     Raises ValueError with a sentence where there is nothing to bake.
     """
+    read = run_steps(read_scene(context_or_scene, objects, uv_layer, view_layer, until, most_texels))
+    return run_steps(read.arrange())
+
+
+def read_scene(
+    context_or_scene: Any, objects: Sequence[str] | None, uv_layer: str | None, view_layer: Any, until: float, most_texels: int
+) -> Steps[SceneReading]:
+    """The first half of `export_scene`, in steps: all that has to be asked of Blender.
+
+    From its first pause to its last, the scene is as it is rendered; closing the generator puts everything back.
+    """
     scene = getattr(context_or_scene, "scene", context_or_scene)
     view_layer = view_layer or find_view_layer(context_or_scene, scene)
     warnings: Warnings = []
@@ -94,9 +107,15 @@ def export_scene(
     warn_left_out(view_layer, warnings)
     with registered():
         check_names(scene, view_layer, objects)
+        reading = SceneReading(objects, uv_layer, warnings, until, MaterialTable(warnings, view_layer.material_override, most_texels))
+        yield from reading.read_images(view_layer)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
-            export = _Export(view_layer, depsgraph, objects, uv_layer, warnings, until, most_texels)
-        return export.finish(read_world(scene, warnings, view_layer), ProfileTable(scene, view_layer))
+            yield from reading.read_pieces(view_layer, depsgraph)
+        yield Pause.HOLD
+        world = read_world(scene, warnings, view_layer)
+        yield Pause.HOLD
+        reading.resolve_lights(world, ProfileTable(scene, view_layer))
+    return reading
 
 
 def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
@@ -105,59 +124,100 @@ def find_objects(exported: Iterable[ExportedObject]) -> list[Any]:
     return [by_uid.get(one.uid) or bpy.data.objects.get((one.source, one.library or None)) for one in exported]
 
 
-def list_worn(pieces: Iterable[Piece], override: Any) -> list[Any]:
-    """The materials that pieces wear, each once."""
-    found = {}
-    for piece in pieces:
-        for slot in piece.evaluated.material_slots if piece.evaluated.type != "LIGHT" else ():
-            if slot.material is not None:
-                found.setdefault(slot.material.session_uid, slot.material)
-    return [override] if override is not None else list(found.values())
+@dataclass(frozen=True)
+class _FoundPiece:
+    """A piece that was read, and what of Blender is asked about it.
+
+    reason     why it would need a copy, "" where its own mesh carries the lightmap
+    has_room   whether that mesh takes another UV layer
+    own_size   corners and polygons of the source's own mesh, own_mesh its session_uid; 0 of what is not the source itself
+    """
+
+    worn: WornPiece
+    name: str
+    exported: ExportedObject
+    choice: ObjectChoice
+    receives: bool
+    has_layer: bool
+    has_room: bool
+    own_size: tuple[int, int]
+    own_mesh: int
+    casts_shadow: bool
+    reflects: bool
+    is_linking: bool
 
 
-class _Export:
-    """The pieces of one export, gathered while the depsgraph stands."""
+class SceneReading:
+    """What of a scene is exported: its pieces are read while the depsgraph stands, and arranged once Blender is not needed any more."""
 
     def __init__(
-        self,
-        view_layer: Any,
-        depsgraph: Any,
-        names: Sequence[str] | None,
-        uv_layer: str | None,
-        warnings: Warnings,
-        until: float,
-        most_texels: int,
+        self, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings, until: float, materials: MaterialTable
     ) -> None:
-        self._uv_layer = uv_layer
-        self._warnings = warnings
-        self._materials = MaterialTable(warnings, view_layer.material_override, most_texels)
+        self._names_asked, self._uv_layer = names, uv_layer
+        self._warnings, self._until = warnings, until
+        self._materials = materials
         self._local: dict[tuple[int, ...], LocalMesh] = {}
         self._names: set[str] = set()
+        self._pieces: list[_FoundPiece] = []
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
-        self._lights: list[Light | PendingLight] = []
-        keys = [(p.source, p.kind, p.evaluated.original) for p in walk_pieces(view_layer, depsgraph) if p.is_mesh]
-        self._receivers = Receivers(names, keys, find_set_objects(view_layer), warnings)
-        self._materials.images.files.begin(list_worn(walk_pieces(view_layer, depsgraph), view_layer.material_override))
-        curves: list[str] = []
-        for piece in walk_pieces(view_layer, depsgraph):
-            choice = read_choice(piece.source, piece.evaluated.original)
-            if choice.role == IGNORE:
-                continue
-            if piece.evaluated.type == "LIGHT":
-                light = read_lamp(piece.evaluated, piece.matrix, piece.evaluated.original.name, warnings)
-                self._lights.extend([light] if light else [])
-                continue
-            if piece.kind == CURVE:
-                curves.append(piece.source.name)
-            if time.monotonic() > until:
-                raise ValueError(f"{piece.source.name}: the time limit ended while the scene was read; raise it, or bake fewer objects.")
-            self._add(piece, choice)
-        if curves and names is None:
-            listed = ", ".join(sorted(set(curves))[:8])
-            warnings.append(("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them"))
+        self._lamps: list[Light | PendingLight] = []
+        self._lights: list[Light] = []
+        self._profiles: list[Any] = []
+        self._curves: set[str] = set()
 
-    def finish(self, world: World, profiles: ProfileTable) -> ExportResult:
-        """The result, its objects in the order of their names, so that it does not depend on Blender's."""
+    def read_images(self, view_layer: Any) -> Steps[None]:
+        """Wait for the images that materials show, where there is something better to do meanwhile."""
+        files = self._materials.images.files
+        override = self._materials.override
+        slots = (slot.material for obj in view_layer.objects for slot in obj.material_slots)
+        files.begin(
+            [override] if override is not None else list({material.session_uid: material for material in slots if material}.values())
+        )
+        while files.is_reading and (yield Pause.WAIT) is not None:
+            pass
+
+    def read_pieces(self, view_layer: Any, depsgraph: Any) -> Steps[None]:
+        """Read every piece that a render shows. No piece is held over a pause: the walk begins anew, and passes over what was read."""
+        keys, worn = [], {}
+        for piece in walk_pieces(view_layer, depsgraph):
+            if piece.is_mesh:
+                keys.append((piece.source, piece.kind, piece.evaluated.original))
+            for slot in piece.evaluated.material_slots if piece.evaluated.type != "LIGHT" else ():
+                if slot.material is not None:
+                    worn.setdefault(slot.material.session_uid, slot.material)
+        self._receivers = Receivers(self._names_asked, keys, find_set_objects(view_layer), self._warnings)
+        if self._materials.override is None:
+            self._materials.images.files.begin(worn.values())
+        done, paused = 0, True
+        while paused:
+            paused = False
+            for piece in islice(walk_pieces(view_layer, depsgraph), done, None):
+                done += 1
+                self._read(piece)
+                paused = bool((yield Pause.HOLD))
+                if paused:
+                    break
+        if self._curves and self._names_asked is None:
+            listed = ", ".join(sorted(self._curves)[:8])
+            self._warnings.append(
+                ("", f"{listed}: not meshes, so they cast light but get no lightmap; convert them to meshes to bake them")
+            )
+
+    def resolve_lights(self, world: World, profiles: ProfileTable) -> None:
+        """The last that needs Blender: lamps whose light differs by direction."""
+        self._world, lights = world, []
+        for found in self._lamps:
+            lights += found.resolve(profiles, self._warnings) if isinstance(found, PendingLight) else [found]
+        self._lights = [*sorted(lights, key=lambda light: (light.name, light.position_m)), *world.suns]
+        self._profiles = profiles.maps
+
+    def arrange(self) -> Steps[ExportResult]:
+        """The second half: the snapshot, its objects in the order of their names, so that it does not depend on Blender's."""
+        pieces, self._pieces = self._pieces[::-1], []
+        while pieces:  # what is arranged is not held any longer
+            self._check_time(pieces[-1].exported.source)
+            yield from self._arrange(pieces.pop())
+            yield Pause.FREE
         self._check_receivers()
         self._found.sort(key=lambda entry: entry[0].name)
         users = Counter(mesh_uid for *_, mesh_uid in self._found)
@@ -166,64 +226,100 @@ class _Export:
             if uid and users[uid] > 1:
                 number.setdefault(uid, len(number))
         scene_objects = tuple(replace(item, mesh=number.get(uid, -1)) for _, item, _, uid in self._found)
-        lights: list[Light] = []
-        for found in self._lights:
-            lights += found.resolve(profiles, self._warnings) if isinstance(found, PendingLight) else [found]
-        arrays = join_arrays([arrays for _, _, arrays, _ in self._found])
+        arrays = yield from join_arrays([arrays for _, _, arrays, _ in self._found])
         self._materials.finish(arrays)
         snapshot = SceneSnapshot(
             **arrays,
             objects=scene_objects,
             materials=tuple(reading.material for reading in self._materials.readings),
             images=tuple(self._materials.images.images),
-            lights=(*sorted(lights, key=lambda light: (light.name, light.position_m)), *world.suns),
-            world_rgb=world.rgb,
-            world_map=world.map,
-            profiles=tuple(profiles.maps),
+            lights=tuple(self._lights),
+            world_rgb=self._world.rgb,
+            world_map=self._world.map,
+            profiles=tuple(self._profiles),
         )
         exported = tuple(entry[0] for entry in self._found)
         warnings = tuple(dict.fromkeys(self._warnings))
         return ExportResult(snapshot, exported, warnings)
 
-    def _add(self, piece: Piece, choice: ObjectChoice) -> None:
+    def _check_time(self, name: str) -> None:
+        if time.monotonic() > self._until:
+            raise ValueError(f"{name}: the time limit ended while the scene was read; raise it, or bake fewer objects.")
+
+    def _read(self, piece: Piece) -> None:
+        evaluated, source = piece.evaluated, piece.source
+        choice = read_choice(source, evaluated.original)
+        if choice.role == IGNORE:
+            return
+        if evaluated.type == "LIGHT":
+            light = read_lamp(evaluated, piece.matrix, evaluated.original.name, self._warnings)
+            self._lamps.extend([light] if light else [])
+            return
+        if piece.kind == CURVE:
+            self._curves.add(source.name)
+        self._check_time(source.name)
         local = self._read_local(piece)
         receives = choice.role == BAKE and self._receivers.receives(piece)
-        unseen = not piece.evaluated.visible_shadow and not piece.evaluated.visible_diffuse
+        unseen = not evaluated.visible_shadow and not evaluated.visible_diffuse
         if not local.n_polygon or (unseen and not receives):
             if receives:
                 self._receivers.warn_no_faces(piece)
             return
         has_layer = receives and self._has_layer(piece, local)
-        arrays = read_piece(piece, local, self._materials, self._uv_layer if has_layer else None, self._warnings, receives)
-        self._warn_faces(piece, arrays, receives)
+        reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
+        own, linking = piece.kind == OWN, evaluated.light_linking
+        library = source.library.filepath if source.library else ""
+        exported = ExportedObject(
+            "", source.name, library, source.session_uid, piece.key, piece.kind, False, "", local.n_corner, local.n_polygon
+        )
+        self._pieces.append(
+            _FoundPiece(
+                worn=read_piece(piece, local, self._materials, receives),
+                name=self._find_name(piece),
+                exported=replace(exported, reason=reason),
+                choice=choice,
+                receives=receives,
+                has_layer=has_layer,
+                has_room=not receives or has_room(source.data if own else evaluated.data),
+                own_size=(len(source.data.loops), len(source.data.polygons)) if own else (0, 0),
+                own_mesh=find_users_mesh(source).session_uid if own else 0,
+                casts_shadow=evaluated.visible_shadow,
+                reflects=evaluated.visible_diffuse,
+                is_linking=linking is not None and bool(linking.receiver_collection or linking.blocker_collection),
+            )
+        )
+
+    def _arrange(self, found: _FoundPiece) -> Steps[None]:
+        source, receives, reason = found.exported.source, found.receives, found.exported.reason
+        layer = self._uv_layer if found.has_layer else None
+        arrays = yield from arrange_piece(found.worn, self._materials, layer, self._warnings)
+        self._warn_faces(source, arrays, receives)
         if not arrays.n_tri:
             return
-        self._warn_linking(piece, arrays)
+        if found.is_linking:
+            self._warn_linking(source, arrays)
         if receives and arrays.is_clear:
-            receives = False
-            self._warnings.append((piece.source.name, "light passes through it and none is reflected, so it gets no lightmap"))
-        reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
-        if receives and not has_layer and not has_room(piece.source.data if piece.kind == OWN else piece.evaluated.data):
             receives, reason = False, ""
-            self._warnings.append((piece.source.name, NO_ROOM))
-        name, source = self._unique_name(piece), piece.source
-        library = source.library.filepath if source.library else ""
-        own_mesh = piece.kind == OWN and not reason
-        size = (len(source.data.loops), len(source.data.polygons)) if own_mesh else (local.n_corner, local.n_polygon)
-        exported = ExportedObject(name, source.name, library, source.session_uid, piece.key, piece.kind, bool(reason), reason, *size)
+            self._warnings.append((source, "light passes through it and none is reflected, so it gets no lightmap"))
+        if receives and not found.has_layer and not found.has_room:
+            receives, reason = False, ""
+            self._warnings.append((source, NO_ROOM))
+        name, own_mesh = self._make_unique(found.name), found.exported.kind == OWN and not reason
+        exported = replace(found.exported, name=name, needs_copy=bool(reason), reason=reason)
+        if own_mesh:
+            exported = replace(exported, n_corner=found.own_size[0], n_polygon=found.own_size[1])
         if reason:
-            self._warnings.append((source.name, reason))
+            self._warnings.append((source, reason))
         scene_object = SceneObject(
             name=name,
             receives=receives,
-            has_layer=has_layer and receives,
-            casts_shadow=piece.evaluated.visible_shadow,
-            reflects=piece.evaluated.visible_diffuse,
-            sides=choice.sides,
-            density_factor=choice.density_factor,
+            has_layer=found.has_layer and receives,
+            casts_shadow=found.casts_shadow,
+            reflects=found.reflects,
+            sides=found.choice.sides,
+            density_factor=found.choice.density_factor,
         )
-        mesh_uid = find_users_mesh(source).session_uid if own_mesh else 0
-        self._found.append((exported, scene_object, arrays, mesh_uid))
+        self._found.append((exported, scene_object, arrays, found.own_mesh if own_mesh else 0))
 
     def _read_local(self, piece: Piece) -> LocalMesh:
         """The piece's mesh, read once for all that share it."""
@@ -248,14 +344,18 @@ class _Export:
         original = piece.evaluated.original
         return not repeats_layer(original) or (piece.kind == OWN and self._receivers.keeps_corners(piece, local))
 
-    def _unique_name(self, piece: Piece) -> str:
-        """The source's name; an instance adds what it is an instance of, and a number where that is not enough."""
-        name = piece.source.name
+    def _find_name(self, piece: Piece) -> str:
+        """The source's name; an instance adds what it is an instance of."""
+        name: str = piece.source.name
         if piece.hair >= 0:
-            name = f"{name}.{piece.evaluated.modifiers[piece.hair].particle_system.name}"
-        elif piece.kind not in (OWN, CURVE, STRANDS):
-            own = piece.evaluated.original.name
-            name = f"{name}.{own if own != name else 'instance'}"
+            return f"{name}.{piece.evaluated.modifiers[piece.hair].particle_system.name}"
+        if piece.kind in (OWN, CURVE, STRANDS):
+            return name
+        own = piece.evaluated.original.name
+        return f"{name}.{own if own != name else 'instance'}"
+
+    def _make_unique(self, name: str) -> str:
+        """With a number where that is needed."""
         unique, number = name, 1
         while unique in self._names:
             number += 1
@@ -263,24 +363,19 @@ class _Export:
         self._names.add(unique)
         return unique
 
-    def _warn_linking(self, piece: Piece, arrays: PieceArrays) -> None:
-        linking = piece.evaluated.light_linking
-        if linking is None or not (linking.receiver_collection or linking.blocker_collection):
-            return
+    def _warn_linking(self, name: str, arrays: PieceArrays) -> None:
         if any(any(self._materials.readings[index].material.emission_rgb) for index in set(arrays.tri_material.tolist())):
-            self._warnings.append((piece.source.name, "its light linking is left out: what glows lights every object"))
+            self._warnings.append((name, "its light linking is left out: what glows lights every object"))
 
-    def _warn_faces(self, piece: Piece, arrays: PieceArrays, receives: bool) -> None:
+    def _warn_faces(self, name: str, arrays: PieceArrays, receives: bool) -> None:
         count = arrays.world.left_out
         if count:
             what = "every face is" if not arrays.n_tri else "1 face is" if count == 1 else f"{count} faces are"
-            self._warnings.append(
-                (piece.source.name, f"{what} left out, for a coordinate is not a finite number; delete or mend what has it")
-            )
+            self._warnings.append((name, f"{what} left out, for a coordinate is not a finite number; delete or mend what has it"))
         duplicates = count_duplicates(arrays.world) if receives else 0
         if duplicates:
             what = "1 triangle lies exactly on another" if duplicates == 1 else f"{duplicates} triangles lie exactly on others"
-            self._warnings.append((piece.source.name, f"{what}; merge them to bake them well"))
+            self._warnings.append((name, f"{what}; merge them to bake them well"))
 
     def _check_receivers(self) -> None:
         receivers = [item for _, item, _, _ in self._found if item.receives]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import bpy
@@ -41,8 +41,10 @@ def evaluate_for_render(scene: Any, view_layer: Any, warnings: Warnings) -> Iter
         if borrowed.give_back():
             view_layer.update()
             for obj in selected:
-                obj.select_set(True, view_layer=view_layer)
-            view_layer.objects.active = active
+                with suppress(ReferenceError):
+                    obj.select_set(True, view_layer=view_layer)
+            with suppress(ReferenceError):
+                view_layer.objects.active = active
 
 
 def find_render_objects(view_layer: Any) -> set[Any]:
@@ -124,12 +126,13 @@ class _Borrowed:
         self._given.append((obj, "", view_layer))
 
     def give_back(self) -> bool:
-        """Restore everything, latest first; False when there was nothing to restore."""
+        """Restore everything that is still there, latest first; False when there was nothing to restore."""
         for owner, name, before in reversed(self._given):
-            if name:
-                setattr(owner, name, before)
-            else:
-                owner.hide_set(True, view_layer=before)
+            with suppress(ReferenceError):  # a script deleted it between two steps
+                if name:
+                    setattr(owner, name, before)
+                else:
+                    owner.hide_set(True, view_layer=before)
         return bool(self._given)
 
 

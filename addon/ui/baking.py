@@ -14,11 +14,13 @@ from typing import Any
 import bpy
 
 from ...core.util.messages import Done, Error
+from ...core.util.steps import Steps
 from ...core.util.user_text import group_warnings
 from ..app import live, session
 from ..app.arguments import BakeRequest
 from ..app.bake_state import BakeState
 from ..app.job import BakeProcess
+from ..app.preparation import Preparation
 from ..app.request import find_mode_error, find_output_error, make_request
 from ..show.layout import mark_result
 from ..show.redraw import redraw
@@ -28,9 +30,11 @@ from .panel_parts import describe_plan
 
 _TIMER_SECONDS = 0.1
 _FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
+_SLICE_SECONDS = 0.1  # of preparation at a time: Blender must stay smooth
 _TEXT_SECONDS = 0.25  # between two texts: nobody reads faster, and drawing them takes time from the bake
 _FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
 _HINT = "Esc: stop and keep the best so far"
+_NO_LIGHT = "Stopped before there was any light"
 
 
 def get_state(context: bpy.types.Context) -> BakeState:
@@ -45,6 +49,7 @@ class Baking:
     bl_options = frozenset({"UNDO"})  # not REGISTER: changing an operator's settings afterwards would bake again
 
     _folder: tempfile.TemporaryDirectory[str] | None = None
+    _preparation: Preparation | None = None
     _timer: Any = None
     _timer_seconds = 0.0
     _shown: tuple[str, str] = ("", "")
@@ -66,8 +71,9 @@ class Baking:
             return self.execute(context)
         if not self._start(context, preview=True):
             return {"CANCELLED"}
-        if self._ended:
-            return self._finish(context, self._ended)
+        ended = self._prepare(context, _SLICE_SECONDS)
+        if ended:
+            return ended
         self._set_timer(context, _FIRST_TIMER_SECONDS)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -81,6 +87,8 @@ class Baking:
 
     def _follow(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         state = get_state(context)
+        if self._preparation is not None:
+            return self._follow_preparation(context, event, self._preparation)
         if event.type == "ESC" and event.value == "PRESS" and not state.stopping:
             state.cancel()
             return {"RUNNING_MODAL"}
@@ -103,16 +111,31 @@ class Baking:
         self._show(context)
         return {"PASS_THROUGH"}
 
+    def _follow_preparation(self, context: bpy.types.Context, event: bpy.types.Event, preparation: Preparation) -> set[str]:
+        """While the scene is read, nothing reaches it: what the user does waits for half a second, or goes on beside."""
+        state = get_state(context)
+        if (event.type == "ESC" and event.value == "PRESS") or state.stopping or state.discarded:
+            self._fail(context, "")
+            self.report({"INFO"}, _NO_LIGHT)
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"} if preparation.holds else {"PASS_THROUGH"}
+        ended = self._prepare(context, _SLICE_SECONDS)
+        self._show(context)
+        return ended or {"RUNNING_MODAL"}
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not self._start(context, preview=False):
             return {"CANCELLED"}
-        return self._finish(context, self._ended or get_state(context).wait())
+        return self._prepare(context, math.inf) or self._finish(context, self._ended or get_state(context).wait())
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits, opens a file, or closes the window; only then does it come to the timer, for data is not to be changed now."""
+        if self._preparation is not None:  # of a window that closes: before a file is opened, the scene was put back already
+            self._preparation.close()
         get_state(context).forget()
         self._clean_up(context)
-        bpy.app.timers.register(self._live.take_off, first_interval=0.0)
+        bpy.app.timers.register(live.take_off if self._live is None else self._live.take_off, first_interval=0.0)
 
     def _make_request(self, context: bpy.types.Context) -> BakeRequest:
         return make_request(context)
@@ -124,31 +147,60 @@ class Baking:
             return False
         state, began = get_state(context), time.monotonic()
         self._ended: Done | Error | None = None
+        self._live: live.LiveView | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
         # Undo and opening a file make references invalid: only names and numbers are kept.
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
-        process = None
         try:
             request = replace(self._make_request(context), preview=preview, began=began)
             # It loads while the scene is exported.
             process = BakeProcess(Path(self._folder.name), tuple(bpy.app.python_args), yielding=not bpy.app.background)
-            self._session = session.prepare(context, request, process.folder)
         except (ValueError, OSError) as reason:
-            if process is not None:
-                process.kill()
-            state.fail(str(reason), self._scene_uid)
-            self.report({"ERROR"}, str(reason))
-            self._clean_up(context)
+            self._fail(context, str(reason))
             return False
-        self._live = live.LiveView(self._session)
-        warnings = list(self._session.export.warnings)
-        if self._session.kept:
-            process.kill()
-            self._ended = state.begin_kept(session.list_kept_messages(self._session), began, warnings, self._scene_uid)
-        else:
-            state.begin(process, began, warnings, self._session.request.settings.error, self._scene_uid)
-            state.plan = describe_plan(context, len(self._session.export.objects))
+
+        def begin() -> Steps[session.Session]:
+            return session.prepare_steps(bpy.context.scene, bpy.context.view_layer, request, process.folder)
+
+        meter = context.window_manager.leaflight_meter
+        self._process, self._began, self._preparation = process, began, Preparation(begin, lambda: int(meter.updates))
+        state.prepare(process, began, self._preparation.give_back, self._scene_uid)
         return True
+
+    def _prepare(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
+        """Go on with the export; gives how the operator ends, if it does."""
+        assert self._preparation is not None
+        state = get_state(context)
+        if self._find_scene() is None:
+            self._fail(context, "The scene was deleted before it was read.")
+            return {"CANCELLED"}
+        try:
+            with self._bake_scene(context):
+                prepared = self._preparation.advance(seconds)
+        except (ValueError, OSError) as reason:
+            self._fail(context, str(reason))
+            return {"CANCELLED"}
+        if prepared is None:
+            return None
+        self._preparation = None
+        self._session, self._live = prepared, live.LiveView(prepared)
+        warnings = list(prepared.export.warnings)
+        if prepared.kept:
+            self._ended = state.begin_kept(session.list_kept_messages(prepared), self._began, warnings, self._scene_uid)
+        else:
+            state.begin(self._process, self._began, warnings, prepared.request.settings.error, self._scene_uid)
+            state.plan = describe_plan(context, len(prepared.export.objects))
+        return self._finish(context, self._ended) if self._ended else None
+
+    def _fail(self, context: bpy.types.Context, error: str) -> None:
+        """End what has not even begun to bake."""
+        if self._preparation is not None:
+            self._preparation.close()
+            self._preparation = None
+        get_state(context).fail(error, self._scene_uid)
+        if error:
+            self.report({"ERROR"}, error)
+        self._clean_up(context)
 
     def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
         state = get_state(context)
@@ -178,7 +230,7 @@ class Baking:
             self.report({"ERROR"}, error)
         if result is None:
             if not error and not state.discarded:
-                self.report({"INFO"}, "Stopped before there was any light")
+                self.report({"INFO"}, _NO_LIGHT)
             return {"CANCELLED"}
         lines, count = state.summarize(), len(group_warnings(state.warnings))
         told = f"; {count} warning{'s' if count > 1 else ''} in the panel" if count else ""
@@ -206,9 +258,12 @@ class Baking:
         state = get_state(context)
         if state.running:
             state.discard()
+            if self._preparation is not None:
+                self._preparation.close()
+                self._preparation = None
             state.end(_FAULT)
             self._clean_up(context)
-            self._live.take_off()
+            live.take_off() if self._live is None else self._live.take_off()
 
     def _set_timer(self, context: bpy.types.Context, seconds: float) -> None:
         if seconds == self._timer_seconds:

@@ -30,11 +30,20 @@ def forget_last_bake(*_: Any) -> None:
 
 
 @bpy.app.handlers.persistent
+def give_scene_back(*_: Any) -> None:
+    """Another file is opened: flags of this one may be those of objects that both use."""
+    get_state(bpy.context).give_back()
+
+
+@bpy.app.handlers.persistent
 def take_live_off(*_: Any) -> None:
     """A file that is saved during a bake holds what was there before; the next pages put the light on again.
 
+    Where the scene is still being read, it is put back as it was, and is read again.
+
     So does an undo: light so far is in none of its steps, and Blender crashes where objects wear what no step knows.
     """
+    get_state(bpy.context).give_back()
     live.take_off()
 
 

@@ -1,0 +1,60 @@
+"""What goes before a bake beside Blender with a window: the scene is exported a little at a time, so that the window never stands still."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from ...core.util.steps import Pause, Steps
+from .session import Session
+
+
+class Preparation:
+    """A session in the making. Where the scene changes between two steps, all is done again, at once.
+
+    begin     gives the steps of a new session
+    version   a number that grows with every change of Blender's data
+    holds     the scene must not change now: it looks as it is rendered, or is read
+    """
+
+    def __init__(self, begin: Callable[[], Steps[Session]], version: Callable[[], int]) -> None:
+        self._begin, self._version = begin, version
+        self._steps: Steps[Session] | None = None
+        self._seen = 0
+        self._is_whole = False
+        self.holds = True
+
+    def advance(self, seconds: float) -> Session | None:
+        """Work for about so long; gives the session once it is there.
+
+        Raises ValueError and OSError as `session.prepare` does.
+        """
+        if self._version() != self._seen:
+            self.give_back()
+        sent = self._steps is not None or None
+        self._steps = self._steps or self._begin()
+        until = time.monotonic() + seconds
+        while True:
+            try:
+                pause = self._steps.send(sent)
+            except StopIteration as end:
+                session: Session = end.value
+                return session
+            self.holds = pause is not Pause.FREE
+            if not self._is_whole and (pause is Pause.WAIT or time.monotonic() >= until):
+                break
+            sent = None if self._is_whole else False
+        self._seen = self._version()
+        return None
+
+    def give_back(self) -> None:
+        """Put the scene back as it was, before it changes."""
+        if self.holds and self._steps is not None:
+            self._is_whole = True
+            self.close()
+
+    def close(self) -> None:
+        """Put everything back, and do no more."""
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
