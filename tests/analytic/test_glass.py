@@ -57,7 +57,7 @@ def test_smooth_glass_bends_by_snell(is_front):
 def test_white_glass_keeps_all_light(roughness, cosine, is_front):
     bent = bend(make_glass(roughness), cosine, is_front)
     assert bent.weight.mean(axis=1) == pytest.approx(np.ones(3), abs=5e-3)
-    assert np.linalg.norm(bent.direction, axis=0) == pytest.approx(1, abs=1e-5)
+    assert np.abs(np.linalg.norm(bent.direction, axis=0) - 1).max() < 1e-5
     lost = bent.weight[0] > 0
     assert ((bent.direction[2] < 0) == bent.crossed)[lost].all()
 

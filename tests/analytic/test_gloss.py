@@ -98,7 +98,7 @@ def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cos
     turned, weight = gloss.reflect(tri, where, where, direction, normal, numbers)
     stated = gloss.albedo_at(tri[:1], where[:1], where[:1], np.float32([cosine]))[:, 0]
     assert weight.mean(axis=1) == pytest.approx(stated, abs=2e-3)
-    assert np.linalg.norm(turned, axis=0) == pytest.approx(1, abs=1e-4)
+    assert np.abs(np.linalg.norm(turned, axis=0) - 1).max() < 1e-4
     if roughness == 0:
         assert turned[:, 0] == pytest.approx([np.sqrt(1 - cosine**2), 0, cosine], abs=0.02)
 
