@@ -18,7 +18,7 @@ QUICK = ("--size", "32", "--max-photons", "20000", "--workers", "1")
 
 def open_room(lamp_w: float = 100.0) -> None:
     """The open scene: a floor of 4 m x 4 m and a cube of 1 m, both with the layer UVMap, and a lamp above; no world."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.mesh.primitive_plane_add(size=4.0)
     bpy.context.object.name = bpy.context.object.data.name = "Floor"
     bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.0, 0.0, 0.6))

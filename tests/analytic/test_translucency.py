@@ -22,7 +22,7 @@ def paper_room(material: Material = PAPER) -> SceneSnapshot:
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 def test_a_room_of_paper_gets_what_its_walls_send_in(tmp_path, direct):
     """Walls get pi from the sky on their backs: E = THERE pi + HERE E inside."""
-    light, _, _ = bake_and_audit(tmp_path, paper_room(), direct=direct, max_photons=300_000, error=0.005)
+    light, _, _ = bake_and_audit(tmp_path, paper_room(), direct=direct, max_photons=300_000, error=0.01)
     assert light == pytest.approx(np.pi * THERE / (1 - HERE), rel=0.01)
 
 

@@ -57,3 +57,11 @@ def _bake_inside(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
     image_file.load_ahead(job.library_paths())
     for name in ("__init__", "_bake", "messages", "cancel", "kill", "close"):
         monkeypatch.setattr(job.BakeProcess, name, vars(InsideBake)[name], raising=False)
+
+
+@pytest.fixture
+def empty_file() -> None:
+    """Much sooner there than by read_factory_settings, which loads all add-ons again."""
+    import bpy  # where there is none, the tests themselves are left out
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)

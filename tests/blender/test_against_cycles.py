@@ -173,7 +173,7 @@ CASES = [(light, "Principled") for light in LIGHTS] + [("soft point", material) 
 
 
 def save_scene(path, light, material):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     made = make_material(*MATERIALS.get(material, ()))
     bpy.ops.mesh.primitive_plane_add(size=2.0)
     bpy.context.object.data.materials.append(made)

@@ -8,10 +8,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.read import baked_copies, uv_layer
 from leaflight.addon.show import images, materials_write, restore
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def make_mesh(name, material=None):

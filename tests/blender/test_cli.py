@@ -225,7 +225,7 @@ def test_another_scene_of_the_file_is_baked(tmp_path, capsys):
 
 def test_open_scene_is_baked_where_blender_runs_the_command(room, capsys):
     argv = ["bake", *QUICK, "--output", str(room.parent / "maps")]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert cli.main(argv) == 1
     assert "error: no .blend is open" in capsys.readouterr().err
     bpy.ops.wm.open_mainfile(filepath=str(room))

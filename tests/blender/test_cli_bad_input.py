@@ -177,7 +177,7 @@ def test_full_disk(tmp_path, capsys, monkeypatch):
 
 
 def test_no_mesh(tmp_path, capsys):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.object.light_add(type="POINT")
     assert refuse(save_scene(tmp_path / "room.blend"), capsys).startswith("nothing to bake: no mesh object with faces")
 

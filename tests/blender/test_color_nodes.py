@@ -31,7 +31,7 @@ class Paint:
     """A square of one metre whose material emits what a tree of nodes makes of an image."""
 
     def __init__(self, seed=1):
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         bpy.ops.mesh.primitive_plane_add(size=1.0)
         self.obj = bpy.context.object
         self.material = bpy.data.materials.new("Paint")

@@ -57,7 +57,7 @@ def baked_pixels(tmp_path, name):
 
 def import_again(path):
     """Images of the file, by name, as stored, in [0, 1]."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.import_scene.gltf(filepath=str(path))
     found = {}
     for image in bpy.data.images:

@@ -8,10 +8,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def add_plane(name, collection=None):
@@ -201,7 +198,7 @@ def test_linked_library_is_read_and_left_alone(tmp_path):
     subdivision.levels, subdivision.render_levels = 0, 2
     path = str(tmp_path / "library.blend")
     bpy.data.libraries.write(path, {obj}, fake_user=True)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     with bpy.data.libraries.load(path, link=True) as (source, target):
         target.objects = source.objects
     bpy.context.scene.collection.objects.link(target.objects[0])

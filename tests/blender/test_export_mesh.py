@@ -7,12 +7,9 @@ bpy = pytest.importorskip("bpy")
 
 from leaflight.addon.read.export_mesh import count_duplicates, has_corners_of, place_mesh, read_mesh
 
+pytestmark = pytest.mark.usefixtures("empty_file")
+
 L_SHAPE = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0.5), (1, 2, 0), (0, 2, 0)]
-
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
 def make_mesh(vertices, faces):

@@ -9,10 +9,7 @@ from leaflight.addon.read.export_pieces import walk_pieces
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def add_plane(name, collection=None, **properties):

@@ -11,10 +11,7 @@ from leaflight.addon.read.materials_read import MaterialTable
 from leaflight.addon.read.uv_layer import write_layer
 from leaflight.core.scene.materials import SurfaceMaterials
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def make_mesh(name="Mesh", layers=("UVMap",)):
@@ -406,7 +403,7 @@ def test_lights_world_and_shadow_flags():
 
 def test_the_same_scene_gives_the_same_snapshot_whatever_the_order_of_its_objects():
     def build(names):
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         for name in names:
             add_object(name, location=(ord(name), 0, 0))
         return export().snapshot

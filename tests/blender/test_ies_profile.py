@@ -28,7 +28,7 @@ TILTED = write_ies((0, 90, 180), (0,), [(100, 100, 100)], tilt="INCLUDE\n1\n2\n0
 
 def make_lamp(text):
     """A point light in the middle of a ball that looks inwards."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.mesh.primitive_uv_sphere_add(radius=RADIUS_M, segments=64, ring_count=32)
     ball = bpy.context.object
     ball.data.flip_normals()

@@ -15,7 +15,7 @@ from leaflight.core.output import image_file
 
 @pytest.fixture(autouse=True)
 def open_image_io(monkeypatch):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
     image_file.load_ahead()
 

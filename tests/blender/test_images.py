@@ -10,10 +10,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.show import images
 from leaflight.core.util.settings import Settings
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 PAGE = np.arange(3 * 5 * 4, dtype=np.float32).reshape(3, 5, 4) / 7.0  # 3 rows of 5: a swap of the two is seen

@@ -11,14 +11,11 @@ from leaflight.addon.read.lamp_profile import ProfileTable
 from leaflight.addon.read.lights_read import PendingLight, read_lamp
 from leaflight.core.util.sphere_map import find_cells, find_solid_angles
 
+pytestmark = pytest.mark.usefixtures("empty_file")
+
 IES = "\n".join(
     ["IESNA:LM-63-1995", "TILT=NONE", "1 1000 1 7 1 1 2 0.1 0.1 0.1", "1 1 20", "0 15 30 45 60 75 90", "0", "70 60 50 40 30 20 10", ""]
 )
-
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
 def add_lamp(kind="POINT", **properties):

@@ -9,10 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from leaflight.addon.read.lights_read import read_light
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def read(kind, *, object_properties=None, warnings=None, matrix=None, **properties):

@@ -11,10 +11,7 @@ from leaflight.addon.nodes.images_read import read_pixels
 from leaflight.addon.read.materials_read import MaterialTable
 from leaflight.core.output.image_file import srgb_to_linear
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 class Tree:

@@ -14,7 +14,7 @@ PAGE = (np.arange(3 * 5 * 3, dtype=np.float32).reshape(3, 5, 3) + 1) / 8.0  # up
 @pytest.fixture
 def plane():
     """A plane that fills 5 x 3 pixels of the camera's picture, with our UV layer over it."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     mesh = bpy.data.meshes.new("Plane")
     mesh.from_pydata([(0, 0, 0), (5, 0, 0), (5, 3, 0), (0, 3, 0)], [], [(0, 1, 2, 3)])
     mesh.uv_layers.new(name="UVMap")

@@ -11,15 +11,12 @@ from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.mesh_attributes import list_wanted_attributes
 from leaflight.core.scene.materials import SurfaceMaterials
 
+pytestmark = pytest.mark.usefixtures("empty_file")
+
 SIDE = 8  # pixels
 FIELD = {"FLOAT_VECTOR": "vector", "FLOAT2": "vector", "FLOAT_COLOR": "color", "BYTE_COLOR": "color_srgb"}
 FIRST = {"FLOAT": 0.125, "FLOAT2": (0.125, 0.5), "FLOAT_VECTOR": (0.125, 0.5, 1.0), "FLOAT_COLOR": (0.125, 0.5, 1.0, 0.75)}
 FIRST |= {"BYTE_COLOR": (0.125, 0.5, 0.9, 0.75), "INT": 1, "INT8": 1, "BOOLEAN": True}
-
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
 def make_values(kind, count):

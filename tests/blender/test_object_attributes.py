@@ -8,10 +8,7 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def make_tree(owner):

@@ -19,7 +19,7 @@ from leaflight.core.util.settings import Settings
 
 @pytest.fixture(autouse=True)
 def _registered():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     leaflight.register()
     yield
     leaflight.unregister()

@@ -131,7 +131,7 @@ def test_a_part_by_the_command_line(maps, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out.blend"))
     assert look("Floor") == before
     assert look("Cube.Leaflight")[1] == FILES[1]
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out.glb"))
     assert sorted(image.name for image in bpy.data.images if image.users and image.size[0]) == ["room_0.combined", "room_1.combined"]
 

@@ -20,7 +20,7 @@ from leaflight.core.util.settings import Settings
 def baked(tmp_path_factory):
     """A folder with the room's file, baked once and coarsely, and its images."""
     folder = tmp_path_factory.mktemp("baked")
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     leaflight.register()
     open_room()
     save_scene(folder / "room.blend")

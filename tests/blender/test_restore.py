@@ -94,7 +94,7 @@ def bake(names, directory, tag="a", mode="lighting"):
 
 @pytest.fixture
 def names():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     return build_scene()
 
 
@@ -358,7 +358,7 @@ def test_edit_mode_neither_crashes_nor_loses_the_bake(names, tmp_path):
 def test_another_files_bake_is_left_to_that_file(names, tmp_path):
     bake(names, tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, target):
         target.objects = ["MultiA", "ObjectLinked"]
     for obj in target.objects:

@@ -61,7 +61,7 @@ def world_light():
 def test_blend_is_opened_as_it_is(tmp_path):
     remove_lamp()
     path = save_scene(tmp_path / "room.blend")
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert open_scene(path) == []
     assert bpy.data.filepath == str(path)
     assert set(bpy.data.objects.keys()) == {"Floor", "Cube"}
@@ -191,7 +191,7 @@ def test_a_compressed_file_is_not_called_damaged(tmp_path, extension, name):
 
 
 def test_a_driver_that_needs_python_is_named_unless_scripts_may_run(tmp_path):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     for name, expression in (("Python", "len(str(frame))"), ("Simple", "frame * 2")):
         lamp = bpy.data.objects.new(name, bpy.data.lights.new(name, "POINT"))
         bpy.context.scene.collection.objects.link(lamp)
@@ -205,7 +205,7 @@ def test_a_driver_that_needs_python_is_named_unless_scripts_may_run(tmp_path):
 
 
 def test_scene_view_layer_and_frame_are_chosen(tmp_path):
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     night = bpy.data.scenes.new("Night")
     night.view_layers.new("Walls")
     choose_scene(bpy.context, "Night", "Walls", 7)

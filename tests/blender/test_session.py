@@ -74,7 +74,7 @@ def test_pages_are_named_after_the_file(request_, folder, tmp_path):
     save_scene(tmp_path / "Küche 2.blend")
     prepare(request_, folder)
     assert Job.load(folder).atlas_name == "Küche 2"
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.mesh.primitive_plane_add()
     prepare(replace(request_, scene=tmp_path / "model.glb"), folder)
     assert Job.load(folder).atlas_name == "model"

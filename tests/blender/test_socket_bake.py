@@ -11,10 +11,7 @@ from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.normal_maps import NormalMaps
 
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 def add_floor(name="Floor", size=4.0):

@@ -8,12 +8,9 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.nodes import socket_bake
 from leaflight.addon.read.export_scene import export_scene
 
+pytestmark = pytest.mark.usefixtures("empty_file")
+
 SIDE = 8
-
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
 def add_object(kind):

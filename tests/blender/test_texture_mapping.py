@@ -13,7 +13,7 @@ PICTURE = 8
 
 def make_stage(kind):
     """A turned, moved and stretched block, or its mirror image, with a lightmap layer of its own; gives object and material."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.mesh.primitive_cube_add(size=2.0, location=(0.3, -0.4, 0.7), rotation=(0.2, 0.5, 0.1))
     obj = bpy.context.object
     obj.scale = (1.0, 0.6, 0.8) if kind != "mirrored" else (-1.0, 0.6, 0.8)

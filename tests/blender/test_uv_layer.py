@@ -10,7 +10,7 @@ from leaflight.addon.read import uv_layer
 
 @pytest.fixture
 def mesh():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     mesh = bpy.data.meshes.new("Plate")
     mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
     for name in ("First", "Second", "Third"):

@@ -10,12 +10,9 @@ bpy = pytest.importorskip("bpy")
 from leaflight.addon.read.world_read import read_world
 from leaflight.core.lights.environment import Environment
 
+pytestmark = pytest.mark.usefixtures("empty_file")
+
 NODES = {"background": "ShaderNodeBackground", "mix": "ShaderNodeMixShader", "path": "ShaderNodeLightPath"}
-
-
-@pytest.fixture(autouse=True)
-def _empty_file():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
 
 
 @pytest.fixture
