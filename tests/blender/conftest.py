@@ -5,15 +5,17 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
 from leaflight.addon.app import job
-from leaflight.core.bake import bake
+from leaflight.core.bake import bake, tasks
 from leaflight.core.output import image_file
 from leaflight.core.parallel.executors import InlineExecutor
 from leaflight.core.util.messages import Error, Message
+from leaflight.core.util.settings import Settings
 
 
 class InsideBake:
@@ -27,7 +29,7 @@ class InsideBake:
 
     def _bake(self) -> None:
         try:
-            bake.run_bake(self.folder, self._told.put, self._stop.is_set, lambda settings: InlineExecutor())
+            bake.run_bake(self.folder, self._told.put, self._stop.is_set, _open_executor)
         except (ValueError, OSError) as reason:
             self._told.put(Error(str(reason)))
         except Exception:
@@ -47,6 +49,10 @@ class InsideBake:
             self._thread.join()
 
     close = kill
+
+
+def _open_executor(settings: Settings) -> Executor:
+    return tasks.open_executor(settings) if settings.cluster else InlineExecutor()
 
 
 @pytest.fixture(autouse=True)

@@ -135,7 +135,6 @@ def test_existing_uv_layer_is_used_as_it_is(room):
     assert [layer.name for layer in bpy.data.objects["Floor"].data.uv_layers] == ["UVMap"]
 
 
-@pytest.mark.own_process
 def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
     before = room.read_bytes()
     saved = room.parent / "far" / "baked.blend"
@@ -339,7 +338,6 @@ def test_what_has_changed_is_baked_again(room, capsys):
     assert not is_kept("--seed", "2")
 
 
-@pytest.mark.own_process
 def test_a_cluster_that_cannot_be_reached_is_a_sentence(room, capsys):
     pytest.importorskip("distributed")
     assert bake(room, "--cluster", "nowhere") == 1

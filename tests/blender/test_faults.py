@@ -25,7 +25,6 @@ from fuzz_judge import MARK, find_left
 from leaflight.addon.ui import baking
 from tables import put_tables
 
-pytestmark = pytest.mark.own_process
 TESTS = Path(__file__).resolve().parents[1]
 IMAGE = "room_0.combined.exr"
 ENDLESS = ("--error", "0.0001", "--max-photons", "1000000000000")
@@ -335,6 +334,7 @@ def hold_next_bake(room):
     assert bpy.context.window_manager.leaflight_state.error == ""
 
 
+@pytest.mark.own_process
 def test_the_scene_is_deleted(room, modal):
     modal.run_to_light(direct="photons", error=1e-4, max_photons=200_000)
     scene = bpy.context.scene
@@ -348,6 +348,7 @@ def test_the_scene_is_deleted(room, modal):
     hold_next_bake(room)
 
 
+@pytest.mark.own_process
 def test_another_file_is_opened(room, modal):
     modal.run_to_light(direct="photons", error=1e-4, max_photons=2**31 - 1)
     folder = Path(modal._folder.name)
@@ -358,6 +359,7 @@ def test_another_file_is_opened(room, modal):
     hold_next_bake(room)
 
 
+@pytest.mark.own_process
 def test_the_extension_is_disabled_and_enabled(room, modal):
     modal.run_to_light(direct="photons", error=1e-4, max_photons=2**31 - 1)
     pid = bpy.context.window_manager.leaflight_state._process._process.pid
@@ -384,6 +386,7 @@ def load_extension(folder):
     return sys.modules[folder.name]
 
 
+@pytest.mark.own_process
 @pytest.mark.slow
 def test_the_extension_is_updated(room, tmp_path):
     """Blender disables it, puts other files into its folder, and enables it."""
@@ -419,6 +422,7 @@ def find_shown():
     return shown
 
 
+@pytest.mark.own_process
 @pytest.mark.parametrize("worn", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ends", [pytest.param("done", marks=pytest.mark.slow), "discarded"])
 def test_a_step_is_undone_while_a_bake_runs(room, modal, worn, ends):

@@ -165,7 +165,7 @@ def test_folders_that_workers_do_not_see_are_sent(farm, local, tmp_path):
     assert len(farm.list_copies()) >= 4  # scene and views, on each of two workers
 
 
-@pytest.mark.parametrize("everyone", [False, True])
+@pytest.mark.parametrize("everyone", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.usefixtures("hidden")
 def test_killed_workers_cost_time_and_not_the_bake(farm, local, tmp_path, monkeypatch, everyone):
     """Nor do workers that come late, to whom nothing has been sent yet."""
