@@ -30,6 +30,7 @@ class GlossNumbers:
     roughness: float = 0.5
     ior: float = 1.5
     diffuse: float = 1.0
+    multiscatter: bool = True
     layer_tint: float = 1.0
     coat: float = 0.0
     coat_roughness: float = 0.03
@@ -63,6 +64,7 @@ class GlassNumbers:
     share: float = 0.0
     mirror_rgb: Rgb = BLACK
     fresnel: bool = True
+    multiscatter: bool = True
     roughness: float = 0.0
     ior: float = 1.5
 
@@ -211,7 +213,7 @@ def _read_subsurface(reader: ColorReader, port: Port) -> Surface:
 def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: bool) -> GlassNumbers:
     """Of a surface that is all glass."""
     ior = reader.read_number(port.sibling("IOR"), 1.5)
-    return GlassNumbers(1.0, mirror_rgb, fresnel, _read_roughness(reader, port, True), ior)
+    return GlassNumbers(1.0, mirror_rgb, fresnel, _scatters_often(port), _read_roughness(reader, port, True), ior)
 
 
 def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: float) -> GlossNumbers:
@@ -227,7 +229,7 @@ def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: 
     diffuse = (1.0 - metallic) * (1.0 - transmission)
     numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port, False), (1.0 + root) / (1.0 - root), diffuse)
     tint = _clip(read_input_color(reader, port, "Specular Tint").mean)
-    return replace(numbers, layer_tint=sum(tint) / 3.0, edge_rgb=tint)
+    return replace(numbers, layer_tint=sum(tint) / 3.0, edge_rgb=tint, multiscatter=_scatters_often(port))
 
 
 def _read_lobes(
@@ -265,12 +267,17 @@ def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
     return min(max(roughness, 0.0), 1.0)
 
 
+def _scatters_often(port: Port) -> bool:
+    """Whether light is scattered several times by rough facets: by the distribution "Multiscatter GGX" alone, the default since 4.0."""
+    return getattr(port.node, "distribution", "") == "MULTI_GGX"
+
+
 def _read_glossy(reader: ColorReader, port: Port) -> Surface:
     """A Glossy BSDF reflects its colour at all angles."""
     _note_normal(reader, port, is_mirror=True)
     color = read_input_color(reader, port, "Color")
     share = min(sum(color.mean) / 3.0, 1.0)
-    gloss = GlossNumbers(share, 0.0, _read_roughness(reader, port, False), diffuse=0.0)
+    gloss = GlossNumbers(share, 0.0, _read_roughness(reader, port, False), diffuse=0.0, multiscatter=_scatters_often(port))
     return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color((share,) * 3), (Color(WHITE), _NOTHING), False))
 
 
@@ -283,7 +290,8 @@ def _read_metallic(reader: ColorReader, port: Port) -> Surface:
         color, edge = Color(to_rgb(straight_on)), _clip(to_rgb(at_edge / reflect_schlick(EDGE_COSINE, straight_on)))
     else:
         color, edge = read_input_color(reader, port, "Base Color"), _clip(read_input_color(reader, port, "Edge Tint").mean)
-    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, edge_rgb=edge)
+    often = _scatters_often(port)
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, edge_rgb=edge, multiscatter=often)
     return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 

@@ -1,7 +1,8 @@
 """Dielectric glass: sampling of reflection and refraction.
 
 The lobe is GGX with Smith's height-correlated masking on both sides, with the exact Fresnel equations at the microfacet; smooth glass bends
-light at its normal. What single scattering loses on rough surfaces is given back: weights are divided by the lobe's albedo.
+light at its normal. What single scattering loses on rough surfaces is given back where the material asks for it: weights are divided by
+the lobe's albedo.
 Front faces look out of the glass, so a closed solid bends light twice. A single face bends it once, as in Cycles.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces", eq. 16, 22 and 40; Heitz 2018, "Sampling the GGX
@@ -40,7 +41,8 @@ class Glass:
     mirror         (3, n_material) float32: tint of the reflection, times the share of the surface that is glass
     fresnel        (n_material,) bool: Fresnel's equations apply; else all is refracted, and light that would be totally reflected
                    is lost
-    kept           (2 * n_material * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine
+    kept           (2 * n_material * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine;
+                   1 where nothing is given back
     """
 
     surfaces: SurfaceMaterials
@@ -65,8 +67,8 @@ class Glass:
         mirror = np.ascontiguousarray(np.clip(np.array([one.glass_mirror_rgb for one in materials], np.float32), 0, 1).T)
         fresnel = np.array([one.glass_fresnel for one in materials], bool)
         kept = [
-            tabulate_glass(float(a), float(n if front else 1 / n), bool(f))
-            for a, n, f in zip(alpha, ior, fresnel, strict=True)
+            tabulate_glass(float(a), float(n if front else 1 / n), bool(f)) if one.glass_multiscatter else np.ones(_ENTRIES)
+            for one, a, n, f in zip(materials, alpha, ior, fresnel, strict=True)
             for front in (True, False)
         ]
         return cls(surfaces, scene.tri_material, tri_glass, alpha, ior, mirror, fresnel, np.concatenate(kept).astype(np.float32))

@@ -3,9 +3,10 @@
 A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
 exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted: weights are
 times 1 + F (1 / E - 1), with the lobe's albedo without Fresnel, E, and the share F that the surface reflects of light scattered several
-times: of a layer its mean Fresnel reflectance over the hemisphere, of a metal less, see _give_back. The layer takes its albedo off the
-diffuse light below it, in the direction that leaves. A coat is a second dielectric layer with a lobe of its own, which takes its albedo
-off all below it.
+times: of a layer its mean Fresnel reflectance over the hemisphere, of a metal less, see _give_back. Where a material scatters once only
+(Blender's distribution GGX, which files from before Blender 4.0 have), nothing is given back. The layer takes its albedo off the diffuse
+light below it, in the direction that leaves; scattered once, what the lobe loses as well, as in Cycles. A coat is a second dielectric layer
+with a lobe of its own, which takes its albedo off all below it.
 
 Lobes are tabulated by rows: a material has one, or, where an image says how rough it is, one for each of some levels of roughness.
 
@@ -121,6 +122,7 @@ class Gloss:
     layer_mean     (n_row,) float32: mean Fresnel reflectance of the layer
     kept_mean      (n_row,) float32: mean of E over the hemisphere
     lost           (n_row * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
+    restored       the same, 0 where a material scatters once only
     edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
     dielectric     the same: what the layer reflects where it is
     below          the same: what layer and coat leave of the diffuse light that they cover, and all of the rest
@@ -142,6 +144,7 @@ class Gloss:
     layer_mean: Float32
     kept_mean: Float32
     lost: Float32
+    restored: Float32
     edge: Float32
     dielectric: Float32
     below: Float32
@@ -170,15 +173,18 @@ class Gloss:
         lost, edge, dip, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(4))
         layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
-        dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * lost
+        restored = lost * np.repeat(np.array([one.multiscatter for one in rows], np.float32), _ENTRIES)
+        # Scattered once, the layer covers its mean Fresnel reflectance: what the lobe loses is lost to all.
+        covered = dielectric * np.where(restored > 0, 1 + np.repeat(layer_mean, _ENTRIES) * restored, 1 + lost)
+        dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * restored
         diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in rows], np.float32)
-        below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * dielectric
+        below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * covered
         if coat:
             below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), _ENTRIES)
         at_edge = 1 - np.clip(np.array([one.metal_edge_rgb for one in rows], np.float32), 0, 1).T
         dip_rgb = at_edge / np.float32(EDGE_COSINE * _EDGE * (1 - EDGE_COSINE)) if at_edge.any() else None
         means = alpha, ior, layer, tint, metal, layer_mean, kept_mean
-        return cls(surfaces, scene.tri_material, glossy, found, *means, lost, edge, dielectric, below, dip, dip_rgb, coat)
+        return cls(surfaces, scene.tri_material, glossy, found, *means, lost, restored, edge, dielectric, below, dip, dip_rgb, coat)
 
     def find_rows(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.int32]:
         """(n,): where tables have the surface at points of triangles."""
@@ -212,7 +218,9 @@ class Gloss:
         single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
         if dip is not None:
             single = np.maximum(single - dip * _look_up(self.dip, *place), 0)
-        out: Float32 = single * _give_back(color, share, dip, lost, gather(self.kept_mean, row)) + layer * _look_up(self.dielectric, *place)
+        restored = _look_up(self.restored, *place)
+        single = single * _give_back(color, share, dip, restored, gather(self.kept_mean, row))
+        out: Float32 = single + layer * _look_up(self.dielectric, *place)
         if self.coat:
             covered = _look_up(self.coat.albedo, *place)
             out = covered + (1 - covered) * out
@@ -256,15 +264,15 @@ class Gloss:
         out = 2 * cosine * half - local
         edge: FloatArray = (1 - cosine) ** 5
         place = _find_place(row, np.maximum(out[2], 0) if of_light else local[2])
-        lost = _look_up(self.lost, *place)
+        restored = _look_up(self.restored, *place)
         color = self.surfaces.metal_at(tri, u, v).T
         dip = self._find_dip(row, color, share)
         rgb: FloatArray = color * (1 - edge) + share * edge
         if dip is not None:
             rgb = np.maximum(rgb - dip * (cosine * (1 - cosine) * edge), 0)
-        rgb = rgb * _give_back(color, share, dip, lost, gather(self.kept_mean, row))
+        rgb = rgb * _give_back(color, share, dip, restored, gather(self.kept_mean, row))
         layer = layer * tinted_fresnel(cosine, gather(self.ior, row), gather(self.tint, row))
-        rgb = rgb + layer * (1 + gather(self.layer_mean, row) * lost)
+        rgb = rgb + layer * (1 + gather(self.layer_mean, row) * restored)
         if self.coat:
             own = above * fresnel(cosine, gather(self.coat.ior, row)) * (1 + gather(self.coat.mean, row) * _look_up(self.coat.lost, *place))
             left = 1 - _look_up(self.coat.albedo, *place)
@@ -389,7 +397,7 @@ def average_kept(lost: FloatArray) -> FloatArray:
     return np.minimum(out, 1)
 
 
-def _give_back(color: FloatArray, share: FloatArray, dip: FloatArray | None, lost: FloatArray, kept_mean: FloatArray) -> FloatArray:
+def _give_back(color: FloatArray, share: FloatArray, dip: FloatArray | None, restored: FloatArray, kept_mean: FloatArray) -> FloatArray:
     """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own,
     as is dip (3, n), of _find_dip.
 
@@ -402,7 +410,7 @@ def _give_back(color: FloatArray, share: FloatArray, dip: FloatArray | None, los
     mean = own + (1 - own) / np.float32(21)
     if dip is not None:
         mean = np.maximum(mean - np.divide(dip, share, out=np.zeros_like(dip), where=share > 0) / np.float32(126), 0)
-    out: FloatArray = 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * lost
+    out: FloatArray = 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * restored
     return out
 
 

@@ -68,6 +68,7 @@ class Material:
     diffuse: float = 1.0  # share of the surface that is diffuse, of which the layer and the coat cover as much as they can
     roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
     ior: float = 1.5  # of the layer
+    multiscatter: bool = True  # metal and layer give back what their rough facets lose by scattering once
     layer_tint: float = 1.0  # scales what the layer reflects straight on; at grazing angles it reflects all
     coat: float = 0.0  # share of the surface that has a clear coat above all of this
     coat_roughness: float = 0.03
@@ -77,6 +78,7 @@ class Material:
     glass_mirror_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of what it reflects, times the same share
     glass_fresnel: bool = True  # what is reflected goes by Fresnel's equations; else nothing is
     glass_roughness: float = 0.0  # GGX's alpha is its square
+    glass_multiscatter: bool = True
     glass_ior: float = 1.5  # of the side that faces look away from, over that of the other
     through_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that leaves on the other side, diffusely
     through_image: int = -1

@@ -84,10 +84,11 @@ def test_fresnel_of_glass():
         {"metal_rgb": (0.9, 0.5, 0.1), "metal_edge_rgb": (0.2, 0.9, 0.4)},
         {"layer": 1.0},
         {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6},
+        {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6, "multiscatter": False},
         {"layer": 1.0, "coat": 0.7, "coat_roughness": 0.0, "coat_ior": 1.8},
         {"metal_rgb": (1.0, 0.5, 0.0), "coat": 1.0, "coat_roughness": 0.0},
     ],
-    ids=["metal", "layer", "both", "coat on layer", "coat on metal"],
+    ids=["metal", "layer", "both", "both, scattered once", "coat on layer", "coat on metal"],
 )
 def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cosine, material):
     gloss, n = make_gloss(Material("Shiny", (1.0,) * 3, roughness=roughness, **material)), 100_000
@@ -158,6 +159,24 @@ def test_a_white_metal_reflects_all():
         tri, where = np.zeros(50, np.intp), np.full(50, 0.25, np.float32)
         assert gloss.albedo_at(tri, where, where, cosine) == pytest.approx(np.ones((3, 50)), abs=2e-3)
         assert tabulate_lobe(alpha, 1.5)[0].min() > -0.01
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
+def test_what_is_scattered_once_by_rough_facets_is_lost(roughness):
+    """Of a white metal all but GGX's albedo E; of a layer the share 1 - E of what it covers."""
+    cosine = np.linspace(0.02, 1, 40, dtype=np.float32)
+    tri, where = np.zeros(40, np.intp), np.full(40, 0.25, np.float32)
+    once = {"roughness": roughness, "multiscatter": False}
+    grid, angle = hemisphere(1200)
+    view = np.array([np.sqrt(1 - cosine[20] ** 2), 0, cosine[20]])[:, None]
+    exact = (evaluate_ggx(np.repeat(view, grid.shape[1], axis=1), grid, roughness**2) * angle).sum() if roughness > 0.4 else 1.0
+    metal = make_gloss(Material("Metal", (1.0,) * 3, metal_rgb=(1.0,) * 3, **once)).albedo_at(tri, where, where, cosine)[0]
+    assert metal[20] == pytest.approx(exact, abs=4e-3)
+    layer = make_gloss(Material("Layer", (1.0,) * 3, layer=1.0, **once))
+    reflected, covered = layer.albedo_at(tri, where, where, cosine)[0], 1 - layer.below_layer(tri, cosine)
+    assert reflected == pytest.approx(covered * metal, rel=2e-3)
+    often = make_gloss(Material("Layer", (1.0,) * 3, layer=1.0, roughness=roughness))
+    assert often.albedo_at(tri, where, where, cosine)[0] + often.below_layer(tri, cosine) == pytest.approx(np.ones(40), abs=1e-5)
 
 
 def test_a_coat_takes_from_what_is_below_as_much_as_it_reflects():

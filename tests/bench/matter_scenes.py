@@ -53,6 +53,16 @@ class Scene:
     def principled(self, **inputs: Any) -> Callable[[Any], Any]:
         return self.node("BsdfPrincipled", **inputs)
 
+    def once(self, make: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """The shader with the distribution GGX, which loses what its facets scatter more than once."""
+
+        def change(tree: Any) -> Any:
+            node = make(tree)
+            node.distribution = "GGX"
+            return node
+
+        return change
+
     def mix(self, fraction: Any, first: Callable[[Any], Any], second: Callable[[Any], Any]) -> Callable[[Any], Any]:
         def make(tree: Any) -> Any:
             node = tree.nodes.new("ShaderNodeMixShader")
@@ -285,6 +295,11 @@ SCENES: dict[str, Callable[[], None]] = {
     "layer, black tint, IOR 1000": _beside_a_wall(
         lambda s: s.principled(Base_Color=(0.6, 0.6, 0.6, 1), IOR=1000.0, Specular_Tint=(0, 0, 0, 1))
     ),
+    "metal, roughness 0.8, GGX": _beside_a_wall(lambda s: s.once(s.principled(Base_Color=(0.9, 0.7, 0.5, 1), Metallic=1.0, Roughness=0.8))),
+    "Glossy BSDF, GGX": _beside_a_wall(lambda s: s.once(s.node("BsdfGlossy", Color=(0.8, 0.8, 0.8, 1), Roughness=0.6))),
+    "white room, GGX": _closed_room(lambda s: s.once(s.principled(Base_Color=(0.8, 0.8, 0.8, 1)))),
+    "white room, roughness 1, GGX": _closed_room(lambda s: s.once(s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Roughness=1.0))),
+    "rough glass pane, GGX": _through(lambda s: s.once(s.node("BsdfGlass", Roughness=0.5)), "pane", "AREA"),
     "white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1))),
     "white room without a layer": _closed_room(lambda s: s.diffuse(0.8)),
     "glass ball, sun": _through(lambda s: s.node("BsdfGlass"), "ball"),

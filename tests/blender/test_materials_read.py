@@ -489,6 +489,17 @@ def test_a_principled_shader_has_a_layer_by_its_specular_level():
     assert (plain.layer_tint, tinted.layer_tint) == pytest.approx((1.0, 0.3))
 
 
+@pytest.mark.parametrize("shader", ["BsdfPrincipled", "BsdfGlossy", "BsdfGlass", "BsdfRefraction"])
+def test_only_multiscatter_ggx_gives_back_what_rough_facets_lose(shader):
+    tree, found = Tree(), []
+    node = tree.add(shader)
+    for distribution in ("GGX", "MULTI_GGX") if shader != "BsdfRefraction" else ("GGX", "BECKMANN"):
+        node.distribution = distribution
+        material = tree.show(node).read()[0].material
+        found.append(material.glass_multiscatter if shader in ("BsdfGlass", "BsdfRefraction") else material.multiscatter)
+    assert found == [False, shader != "BsdfRefraction"]
+
+
 def test_values_that_are_not_numbers_are_mended_and_named():
     plain, tree = Tree("Plain"), Tree()
     expected = plain.show(plain.add("BsdfPrincipled")).read()[0].material
