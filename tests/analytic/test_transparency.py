@@ -1,6 +1,7 @@
 """Light through transparent surfaces: a pane that lets a share of each channel pass takes just that off, whatever the light is."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -53,10 +54,17 @@ def bake_floor(folder, scene: SceneSnapshot, direct: str, photons: int = 200_000
     return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit
 
 
+@pytest.fixture(scope="module")
+def bare_light(tmp_path_factory):
+    """bare_light(name) is the light of LIGHTS on the floor below a pane that takes nothing off."""
+    clear = Material("Pane", (0,) * 3, passing_rgb=(1,) * 3)
+    return cache(lambda name: bake_floor(tmp_path_factory.mktemp("bare"), floor_below(clear, LIGHTS[name]), "rays")[0])
+
+
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 @pytest.mark.parametrize("name", LIGHTS)
-def test_a_tinted_pane_takes_its_tint_off(tmp_path, name, direct):
-    bare, _ = bake_floor(tmp_path / "a", floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS[name]), "rays")
+def test_a_tinted_pane_takes_its_tint_off(tmp_path, bare_light, name, direct):
+    bare = bare_light(name)
     tinted, audit = bake_floor(
         tmp_path / "b", floor_below(Material("Pane", (0,) * 3, passing_rgb=tuple(TINT)), LIGHTS[name]), direct, 300_000
     )
@@ -120,9 +128,9 @@ def test_light_that_was_reflected_passes_a_pane_too(tmp_path, direct):
     ("sky", {"casts_shadow": False}, 0.0),
     ("sky map", {"casts_shadow": False}, 1.0),
 ])  # fmt: skip
-def test_a_lid_hides_lamps_from_the_rays_that_see_it(tmp_path, lamp, flags, expected, direct):
+def test_a_lid_hides_lamps_from_the_rays_that_see_it(tmp_path, bare_light, lamp, flags, expected, direct):
     """A black lid, or box, over a floor."""
-    bare, _ = bake_floor(tmp_path / "a", floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS[lamp]), "rays")
+    bare = bare_light(lamp)
     scene = floor_below(Material("Lid", (0,) * 3), LIGHTS[lamp])
     scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], **flags)))
     light, _ = bake_floor(tmp_path / "b", scene, direct)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -14,11 +15,17 @@ TOWARD = np.array([0.48, -0.6, 0.64])
 HEIGHT, FINE = 256, 4
 
 
+@lru_cache(maxsize=1)
+def place_fine(shape: tuple[int, int]) -> np.ndarray:
+    """(n, 3): directions of the middles of cells."""
+    cell = np.arange(shape[0] * shape[1])
+    return place_in_cells(shape, cell, np.full(len(cell), 0.5), np.full(len(cell), 0.5)).astype(float)
+
+
 def sky(half_angle_rad: float, radiance: tuple[float, float, float] = (1e4, 8e3, 5e3), toward=TOWARD, height: int = HEIGHT) -> np.ndarray:
     """A blue sky that is brighter above, with an even disk in it; cells that its rim cuts have a part of it."""
     shape = (height * FINE, 2 * height * FINE)
-    cell = np.arange(shape[0] * shape[1])
-    direction = place_in_cells(shape, cell, np.full(len(cell), 0.5), np.full(len(cell), 0.5)).astype(float)
+    direction = place_fine(shape)
     rgb = (1.5 + direction[:, 2:]) * np.array([0.2, 0.3, 0.5])
     rgb[direction @ toward > math.cos(half_angle_rad)] += radiance
     rgb *= np.repeat(find_solid_angles(*shape), shape[1])[:, None]
