@@ -239,7 +239,7 @@ def test_killed_child(state):
 @pytest.mark.own_process
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory can be limited on Linux")
 # Where embree is loaded, builds its tree, and long after.
-@pytest.mark.parametrize("limit_mb", [700, 1500, *(pytest.param(limit_mb, marks=pytest.mark.slow) for limit_mb in (500, 1000))])
+@pytest.mark.parametrize("limit_mb", [1500, *(pytest.param(limit_mb, marks=pytest.mark.slow) for limit_mb in (500, 700, 1000))])
 def test_child_out_of_memory(state, monkeypatch, limit_mb):
     import resource
 

@@ -17,15 +17,19 @@ def bake_room(folder, **knobs):
     return solver, solver.run(lambda message: None, lambda: False)
 
 
-@pytest.mark.parametrize("direct", ["rays", "photons"])
-def test_a_glance_has_the_flux_of_the_pages(tmp_path, direct):
+@pytest.mark.parametrize(("direct", "alike"), [("rays", 1e-6), ("photons", 0.006)])
+def test_a_glance_has_the_flux_of_the_leaves_and_nearly_that_of_the_pages(tmp_path, direct, alike):
+    """Blending of leaves takes 1 to 4 % off this scene's indirect light, which is a tenth of all."""
     solver, light = bake_room(tmp_path, direct=direct)
     texels = solver.tracing.texels
     glance = texel_light.glance_at(light, texels, np.arange(len(texels)))
+    assert (glance >= 0).all()
     pages = texel_light.light_at_texels(light, texels, smooth_grain=False)
-    for quick, shown in zip(glance, (pages.direct, pages.indirect), strict=True):
-        assert (quick >= 0).all()
-        assert quick.T @ texels.texel_area == pytest.approx(shown.T @ texels.texel_area, rel=0.03)
+    seen, shown = (np.array([part.T @ texels.texel_area for part in parts]) for parts in (glance, (pages.direct, pages.indirect)))
+    assert seen[0] == pytest.approx(shown[0], rel=alike)
+    assert seen[1] == pytest.approx(shown[1], rel=0.03)
+    by_rays = light.direct.irradiance.T @ texels.texel_area
+    assert seen.sum(axis=0) - by_rays == pytest.approx(light.solution.flux[:, light.leaves].sum(axis=1), rel=0.005)
 
 
 def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(tmp_path):
