@@ -5,15 +5,10 @@ Each is a floor with a wall and a block on it under one light. Cycles bakes them
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 from bench_accuracy import MOST_BIAS, MOST_REL, bake_page
 from cycles_bake import bake_cycles, set_stage

@@ -1,13 +1,10 @@
 """The zoo's benchmark from end to end, on scenes so small that its figures mean nothing."""
 
-import sys
 from pathlib import Path
 
 import pytest
 
 bpy = pytest.importorskip("bpy")
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
 import bench_zoo
 from blend_rooms import open_room, save_scene
 

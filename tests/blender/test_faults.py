@@ -16,8 +16,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "fuzz"))
-
 import leaflight
 from blend_rooms import ask_quick_bake, bake, list_files, open_room, read_pixels, save_scene
 from fault_rows import FAULTS, NOT_RUN, STAGES, read_results, tabulate_faults

@@ -1,15 +1,11 @@
 """A few cases of `make fuzz`: odd scenes, damaged files and odd words end in a bake or in a sentence, and harm nothing."""
 
 import os
-import sys
 from datetime import date
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("bpy")
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "fuzz"))
 
 from fuzz_judge import judge, list_content
 from run_faults import count_passed

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 from cycles_reference import COMMITTED, OBJECTS, REFERENCES, SAMPLES, Reference, count_samples
 from leaflight.addon.read.export_scene import export_scene

@@ -1,15 +1,11 @@
 """A scene of the zoo as Blender has it."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
 from scene_zoo import ABOUT, BAKED, LIGHTMAP_LAYER, TEXTURE_LAYER, write_scene
 from zoo_plan import draw_plan
 

@@ -2,14 +2,10 @@
 
 import math
 import random
-import sys
 from pathlib import Path
 
-import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
 import bench_ablation
+import pytest
 from ablation_results import SceneTrials, Trial, find_noise, tabulate_scenes, tabulate_worth, weigh_mechanism
 from leaflight.core.util.ablation import MECHANISMS
 

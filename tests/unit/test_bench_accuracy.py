@@ -1,15 +1,10 @@
 """The references that bakes are held against, and the claims judged by them."""
 
 import dataclasses
-import sys
-from pathlib import Path
-
-import numpy as np
-import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 import bench_accuracy
+import numpy as np
+import pytest
 from cycles_reference import COMMITTED, REFERENCES, Reference, spread_windows
 from lightmap_errors import LightmapErrors
 

@@ -1,14 +1,8 @@
 """How the error of single objects is measured and judged."""
 
-import sys
-from pathlib import Path
-
+import bench_objects
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
-import bench_objects
 from cycles_reference import Reference
 from lightmap_errors import DARK_FLOOR
 

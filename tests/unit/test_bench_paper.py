@@ -1,23 +1,18 @@
 """The benchmark of the paper, whole at toy size, and its measure of error."""
 
 import dataclasses
-import sys
-from pathlib import Path
 
+import bench_paper
 import numpy as np
+import paper_bakes
+import paper_claims
+import paper_split
+import paper_tables
 import pytest
 from boxes import lamp_scene
 from leaflight.core.parallel import executors, folders
 from leaflight.core.scene.scene import Light, Material
 from scenes import make_scene, moved, quad_mesh
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
-import bench_paper
-import paper_bakes
-import paper_claims
-import paper_split
-import paper_tables
 
 TOY = bench_paper.Effort(size=48, square_size=32, figure_2=2e4, figure_3=3e4, sweep=1e4)
 CAMERA = {"matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2.0], [0, 0, 0, 1]], "angle_rad": 0.6}

@@ -2,14 +2,9 @@
 
 import dataclasses
 import math
-import sys
-from pathlib import Path
-
-import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
 
 import bench_speed
+import pytest
 from speed_curves import Point, Reach, bake_in_turns, geometric_mean, join_turns, ratio_text, reach_error
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).

@@ -2,15 +2,11 @@
 
 import datetime
 import math
-import sys
 from pathlib import Path
 
+import bench_zoo
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
-import bench_zoo
 from speed_curves import Point
 from zoo_bakes import list_more_samples
 from zoo_reference import PageReference, Subject, find_reference, next_samples, reference_path, spread_windows

@@ -6,13 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-from claims import Claim, hold_claim, load_claims, publish_claims, save_claims, tabulate_claims, tell_failures
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
 import bench_claims
 import print_claims
+import pytest
+from claims import Claim, hold_claim, load_claims, publish_claims, save_claims, tabulate_claims, tell_failures
 
 SOME = [
     Claim("sun: error", 0.5, high=2.0, unit="%", case="rays"),

@@ -1,13 +1,7 @@
 """Samples that have a closed form: where texels lie, and what light is there."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
 import sample_truths
 from scenes import make_scene, quad_mesh
 

@@ -3,15 +3,10 @@
 import itertools
 import math
 import statistics
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))
-
 from zoo_plan import GAP_M, MAX_LAMPS, SIZES, TRIANGLES, draw_plan
 from zoo_scene import describe
 from zoo_shapes import ROUND, Part, Place, build_shape, count_triangles
