@@ -65,12 +65,6 @@ def test_stopped_before_there_was_light_is_no_error_and_changes_nothing(state, m
     assert state.describe_worn(bpy.context.scene.session_uid) == told
 
 
-def test_unsaved_file(state):
-    bpy.context.scene.leaflight.output = "//maps"
-    with pytest.raises(RuntimeError, match="Save the file first: lightmaps go into a folder beside it"):
-        bpy.ops.leaflight.bake()
-
-
 @pytest.mark.parametrize(("output", "name"), [("maps", "maps"), ("./maps", "maps"), ("~/maps", "maps"), ("../maps", "../maps")])
 def test_folder_without_a_beginning(state, output, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -133,14 +127,6 @@ def test_status_bar_counts_warnings_as_the_panel_does(state, capfd):
     assert "; 1 warning in the panel" in capfd.readouterr().out
 
 
-def test_only_meshes_that_take_no_layer(state):
-    bpy.data.objects.remove(bpy.data.objects["Floor"])
-    mesh = bpy.data.objects["Cube"].data
-    while len(mesh.uv_layers) < 8:
-        mesh.uv_layers.new()
-    assert "Cube: has 8 UV layers" in bake_error(state)
-
-
 def test_a_bake_over_one_in_the_eighth_layer_works(state):
     mesh = bpy.data.objects["Cube"].data
     while len(mesh.uv_layers) < 7:
@@ -195,16 +181,6 @@ def test_hidden_collection(state):
     bpy.context.scene.leaflight.objects = "ALL"
     assert bake_warnings(state) == {}
     assert hidden.hide_viewport
-
-
-@pytest.mark.parametrize("power_w", [0.0, None])
-def test_no_light(state, power_w):
-    lamp = bpy.data.objects["Lamp"]
-    if power_w is None:
-        bpy.data.objects.remove(lamp)
-    else:
-        lamp.data.energy = power_w
-    assert "has no light: add a light, an emitting material or a world colour" in bake_error(state)
 
 
 def when_baking(state, act):

@@ -313,14 +313,6 @@ def test_texts_change_no_faster_than_they_can_be_read(state, scene, monkeypatch)
     assert follower.written == ["One", "Four", "Five"]
 
 
-def test_edit_mode_must_be_left(scene):
-    bpy.context.view_layer.objects.active = bpy.data.objects["Floor"]
-    bpy.ops.object.mode_set(mode="EDIT")
-    assert "is in Edit Mode; leave it" in bake_error()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    assert bpy.ops.leaflight.bake.poll()
-
-
 def test_opening_a_file_forgets_the_last_bake(scene, state):
     bpy.ops.leaflight.bake()
     bpy.ops.wm.read_homefile(use_empty=True)

@@ -168,22 +168,6 @@ def test_layout_is_of_the_snapshot(tmp_path):
         assert layout["object_page"].tolist() == [0, 0]
 
 
-def test_energy_audit_closes_in_the_result(tmp_path):
-    _, result = bake_scene(tmp_path, lamp_scene())
-    audit = {name: np.array(value) for name, value in result["energy_audit_w"].items()}
-    power = np.array([10.0, 5.0, 2.5])
-    assert audit["emitted"] / audit["emitted"][0] == pytest.approx(power / power[0], rel=1e-6)
-    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
-
-
-def test_same_seed_gives_the_same_bytes(tmp_path):
-    files = []
-    for name in ("a", "b"):
-        bake_scene(tmp_path / name, lamp_scene(), replace(QUICK, error=0.02))
-        files.append((tmp_path / name / "images" / "room_0.combined.exr").read_bytes())
-    assert files[0] == files[1]
-
-
 def test_a_folder_can_be_used_again(tmp_path):
     """What a process keeps open must not outlive the bake: the second scene is another one."""
     bright = lamp_scene()
@@ -317,12 +301,6 @@ def test_a_bake_that_goes_on_traces_no_first_photons(tmp_path, monkeypatch):
     bake_scene(folder, lamp_scene(), keep=state)
     monkeypatch.setattr(FirstPhotons, "send", lambda *_: pytest.fail("they are there"))
     bake_scene(folder, lamp_scene(), replace(QUICK, max_photons=40_000), resume=state)
-
-
-def test_a_scene_without_light_is_a_sentence(tmp_path):
-    with pytest.raises(ValueError, match="light"):
-        bake_scene(tmp_path, replace(lamp_scene(), lights=()))
-    assert not list_files(tmp_path / "images")
 
 
 def test_a_damaged_snapshot_is_a_sentence(tmp_path):
