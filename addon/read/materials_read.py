@@ -116,6 +116,8 @@ class MaterialTable:
                 layer_tint=surface.gloss.layer_tint,
                 roughness=surface.gloss.roughness,
                 ior=surface.gloss.ior,
+                sheen_rgb=surface.gloss.sheen_rgb,
+                sheen_roughness=surface.gloss.sheen_roughness,
                 coat=surface.gloss.coat,
                 coat_roughness=surface.gloss.coat_roughness,
                 coat_ior=surface.gloss.coat_ior,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.scene.gloss import EDGE_COSINE, average_fresnel, reflect_conductor, reflect_schlick
+from ...core.scene.sheen import average_sheen
 from ...core.util.arrays import FloatArray
 from ..nodes.colors_read import ColorReader
 from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, to_rgb
@@ -16,9 +17,6 @@ from ..nodes.node_ports import Port, find_source
 
 _NOTHING = Color(BLACK)
 _NO_SUBSURFACE = "light below the surface comes out where it went in"
-# The microfibre sheen's albedo for even light from all directions, by roughness; as Cycles renders it.
-# Source: Zeltner, Burley & Chiang 2022, "Practical multiple-scattering sheen using linearly transformed cosines".
-_SHEEN = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 1.0), (0.0, 0.0024, 0.0133, 0.0513, 0.1188, 0.2101, 0.3136, 0.3826, 0.4475)
 
 
 @dataclass(frozen=True)
@@ -36,11 +34,14 @@ class GlossNumbers:
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
     edge_rgb: Rgb = WHITE
+    sheen_rgb: Rgb = BLACK
+    sheen_roughness: float = 0.5
 
     def times(self, share: float) -> GlossNumbers:
         """On a share of the surface."""
         metal, layer, diffuse, coat = (share * part for part in (self.metal, self.layer, self.diffuse, self.coat))
-        return replace(self, metal=metal, layer=layer, diffuse=diffuse, coat=coat)
+        red, green, blue = self.sheen_rgb
+        return replace(self, metal=metal, layer=layer, diffuse=diffuse, coat=coat, sheen_rgb=(share * red, share * green, share * blue))
 
     def add(self, other: GlossNumbers) -> GlossNumbers:
         """Both; as rough as the stronger one."""
@@ -49,6 +50,8 @@ class GlossNumbers:
         metal, layer, diffuse, coat = (
             min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "diffuse", "coat")
         )
+        fluffy = self if sum(self.sheen_rgb) >= sum(other.sheen_rgb) else other
+        main = replace(main, sheen_rgb=add_rgb(self.sheen_rgb, other.sheen_rgb), sheen_roughness=fluffy.sheen_roughness)
         coated = self if self.coat >= other.coat else other
         main = replace(main, coat_roughness=coated.coat_roughness, coat_ior=coated.coat_ior)
         return replace(main, metal=metal, layer=layer, diffuse=diffuse, coat=coat)
@@ -172,14 +175,15 @@ def _add_coat(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -
 
 
 def _add_sheen(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -> Surface:
-    """A Principled BSDF's sheen above a surface, as a diffuse part of the same energy."""
+    """A Principled BSDF's sheen above a surface; the albedo holds what it reflects of even light."""
     weight = max(reader.read_number(port.sibling("Sheen Weight"), 0.0), 0.0)
     if weight <= 0.0:
         return surface
-    share = weight * _find_sheen(reader.read_number(port.sibling("Sheen Roughness"), 0.5))
-    sheen = Color(read_input_color(reader, port, "Sheen Tint").mean).times(share)
+    roughness = min(max(reader.read_number(port.sibling("Sheen Roughness"), 0.5), 0.0), 1.0)
+    color = Color(read_input_color(reader, port, "Sheen Tint").mean).times(min(weight, 1.0))
+    sheen = color.times(average_sheen(roughness))
     below = _dim(reader, port, surface, (1.0 - min(max(*sheen.rgb), 1.0),) * 3)
-    gloss = replace(below.gloss, diffuse=min(below.gloss.diffuse + share * alpha.mean[0], 1.0))
+    gloss = replace(below.gloss, sheen_rgb=_clip(color.times(alpha.mean[0]).rgb), sheen_roughness=roughness)
     return replace(below, albedo=reader.add(port, below.albedo, _scale(reader, port, sheen, alpha, "sheen"), "with sheen"), gloss=gloss)
 
 
@@ -193,16 +197,13 @@ def _dim(reader: ColorReader, port: Port, surface: Surface, rgb: Rgb) -> Surface
     return replace(surface, albedo=albedo, emission=emission, metal=metal, glass=glass, gloss=gloss, lobes=lobes, bending=bending)
 
 
-def _find_sheen(roughness: float) -> float:
-    """Share of even light that white sheen reflects."""
-    return float(np.interp(roughness, *_SHEEN))
-
-
 def _read_sheen(reader: ColorReader, port: Port) -> Surface:
-    """As diffuse, with its energy."""
+    """The albedo is what it reflects of even light."""
     _note_normal(reader, port)
-    share = _find_sheen(reader.read_number(port.sibling("Roughness"), 0.5))
-    return Surface(read_input_color(reader, port, "Color").times(share), gloss=PAINT)
+    roughness = min(max(reader.read_number(port.sibling("Roughness"), 0.5), 0.0), 1.0)
+    color = read_input_color(reader, port, "Color")
+    gloss = replace(NO_GLOSS, sheen_rgb=_clip(color.mean), sheen_roughness=roughness)
+    return Surface(Color(color.mean).times(average_sheen(roughness)), gloss=gloss)
 
 
 def _read_subsurface(reader: ColorReader, port: Port) -> Surface:

@@ -177,8 +177,9 @@ class _Gathering:
             albedo = np.maximum(albedo - through, 0)
         if mirrors is None or mirrors.gloss is None:
             return albedo, through
-        cosine, rows = (direction * take_rows(self._scene.receiving.normal, tri)).sum(axis=1), mirrors.gloss.find_rows(tri, u, v)
-        return np.maximum(albedo - surfaces.metal_at(tri, u, v).T, 0) * mirrors.gloss.below_layer(rows, cosine), through
+        cosine = (direction * take_rows(self._scene.receiving.normal, tri)).sum(axis=1)
+        albedo, rows = mirrors.gloss.find_diffuse(tri, u, v, albedo)
+        return albedo * mirrors.gloss.below_layer(rows, cosine), through
 
     def _add(
         self,

@@ -1,4 +1,4 @@
-"""Specular reflection of surfaces: metals, the layer above dielectric ones, and a clear coat above both.
+"""Specular reflection of surfaces: metals, the layer above dielectric ones, a clear coat above both, and sheen above all.
 
 A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
 exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted: weights are
@@ -29,6 +29,7 @@ from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import gather, orthonormal_basis
 from .materials import SurfaceMaterials
 from .scene import MAX_ALBEDO, Material, SceneSnapshot
+from .sheen import average_sheen, evaluate_sheen, sample_sheen, tabulate_sheen
 
 LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
 _ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at grazing angles they change soonest
@@ -71,6 +72,40 @@ class Coat:
         mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
         albedo *= np.repeat(share, _ENTRIES) * (1 + np.repeat(mean, _ENTRIES) * lost)
         return cls(alpha, ior, share, mean, lost, albedo)
+
+
+@dataclass(frozen=True)
+class Sheen:
+    """The sheen of a scene's rows of tables.
+
+    rgb        (3, n_row) float32: share of the surface that has it, times its tint
+    mean_rgb   (3, n_row) float32: what it reflects of even light, which the albedo holds
+    a, b       (n_row * _ENTRIES,) float32: of the lobe, by the cosine of the direction that looks; see sheen
+    albedo     the same: of white sheen
+    under      the same: what it leaves of all that is below, relative to what it leaves of even light, which colours hold already
+    """
+
+    rgb: Float32
+    mean_rgb: Float32
+    a: Float32
+    b: Float32
+    albedo: Float32
+    under: Float32
+
+    @classmethod
+    def of(cls, rows: Sequence[Material]) -> Sheen | None:
+        """None where no row has any."""
+        rgb = np.clip(np.array([one.sheen_rgb for one in rows], np.float32), 0, 1).T
+        if not rgb.any():
+            return None
+        mean = np.array([average_sheen(one.sheen_roughness) for one in rows], np.float32)
+        tables = [tabulate_sheen(one.sheen_roughness, _ENTRIES) for one in rows]
+        a, b, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        most = rgb.max(axis=0)
+        other = np.array([one.diffuse + (one.metal if any(one.metal_rgb) else 0.0) for one in rows], np.float32)
+        covered = np.minimum(most / np.maximum(other + most * mean, _LEAST_SHARE), 1)
+        under = (1 - np.repeat(covered, _ENTRIES) * albedo) / np.repeat(1 - covered * mean, _ENTRIES)
+        return cls(rgb, rgb * mean, a, b, albedo, under)
 
 
 @dataclass(frozen=True)
@@ -130,6 +165,7 @@ class Gloss:
     dip_rgb        (3, n_row) float32: of how much of it metals reflect less, as a share of what they reflect at the edge; None where all
                    edges are as Schlick has them
     coat           None where no material has one
+    sheen          the same
     """
 
     surfaces: SurfaceMaterials
@@ -151,11 +187,14 @@ class Gloss:
     dip: Float32
     dip_rgb: Float32 | None
     coat: Coat | None
+    sheen: Sheen | None
 
     @classmethod
     def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Gloss | None:
         """None where no surface has any."""
-        shiny = np.array([one.layer > 0 or (one.metal > 0 and any(one.metal_rgb)) or one.coat > 0 for one in scene.materials], bool)
+        shiny = np.array(
+            [one.layer > 0 or (one.metal > 0 and any(one.metal_rgb)) or one.coat > 0 or any(one.sheen_rgb) for one in scene.materials], bool
+        )
         reflects = np.array([one.reflects for one in scene.objects], bool)[scene.tri_object]
         glossy = shiny[scene.tri_material] & reflects
         if not glossy.any():
@@ -181,10 +220,21 @@ class Gloss:
         below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * covered
         if coat:
             below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), _ENTRIES)
+        sheen = Sheen.of(rows)
+        if sheen:
+            below *= sheen.under
         at_edge = 1 - np.clip(np.array([one.metal_edge_rgb for one in rows], np.float32), 0, 1).T
         dip_rgb = at_edge / np.float32(EDGE_COSINE * _EDGE * (1 - EDGE_COSINE)) if at_edge.any() else None
         means = alpha, ior, layer, tint, metal, layer_mean, kept_mean
-        return cls(surfaces, scene.tri_material, glossy, found, *means, lost, restored, edge, dielectric, below, dip, dip_rgb, coat)
+        return cls(surfaces, scene.tri_material, glossy, found, *means, lost, restored, edge, dielectric, below, dip, dip_rgb, coat, sheen)
+
+    def find_diffuse(self, tri: IntArray, u: FloatArray, v: FloatArray, albedo: Float32) -> tuple[Float32, NDArray[np.int32]]:
+        """(3, n): the part of an albedo (3, n) that is reflected diffusely; and (n,) where tables have the surface."""
+        row = self._find_lobes(tri, u, v)[0]
+        left = albedo - self.surfaces.metal_at(tri, u, v).T
+        if self.sheen:
+            left -= gather(self.sheen.mean_rgb, row)
+        return np.maximum(left, 0, out=left), row
 
     def find_rows(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.int32]:
         """(n,): where tables have the surface at points of triangles."""
@@ -224,6 +274,8 @@ class Gloss:
         if self.coat:
             covered = _look_up(self.coat.albedo, *place)
             out = covered + (1 - covered) * out
+        if self.sheen:
+            out = out * _look_up(self.sheen.under, *place) + gather(self.sheen.rgb, row) * _look_up(self.sheen.albedo, *place)
         return out
 
     def below_layer(self, row: IntArray, cosine: Float32) -> Float32:
@@ -240,9 +292,49 @@ class Gloss:
 
         direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
         numbers     (2, n) float32, uniform in [0, 1)
-        of_light    the rays carry light rather than look for it. What is given back, and what a coat leaves, goes by the direction that is
-                    looked from, as in Cycles, so the weights are those of the adjoint (Veach 1997, 3.7.6)
+        of_light    the rays carry light rather than look for it. What is given back, and what coat and sheen leave, goes by the direction
+                    that is looked from, as in Cycles, so the weights are those of the adjoint (Veach 1997, 3.7.6)
         """
+        if not self.sheen:
+            return self._reflect_solid(tri, u, v, direction, normal, numbers, of_light)
+        sheen, row, cosine = self.sheen, self.find_rows(tri, u, v), np.maximum(-_dot(direction, normal), _HAIR)
+        own = gather(sheen.rgb, row) * _look_up(sheen.albedo, *_find_place(row, cosine))
+        chance = own.max(axis=0) / np.maximum(self.albedo_at(tri, u, v, cosine).max(axis=0), _HAIR)
+        chosen, numbers = _choose(chance, numbers)
+        turned, rgb = self._reflect_solid(tri, u, v, direction, normal, numbers, of_light)
+        seen = np.maximum(_dot(turned, normal), 0) if of_light else cosine
+        rgb *= _look_up(sheen.under, *_find_place(row, seen)) / np.where(chosen, 1, 1 - chance)
+        at = chosen.nonzero()[0]
+        turned[:, at], fibre = self._reflect_fibres(
+            gather(row, at), gather(direction, at), gather(normal, at), gather(numbers, at), of_light
+        )
+        rgb[:, at] = fibre / gather(chance, at)
+        return turned, rgb
+
+    def _reflect_fibres(
+        self, row: IntArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool
+    ) -> tuple[Float32, FloatArray]:
+        """As reflect, by sheen alone."""
+        sheen = self.sheen
+        assert sheen
+        axes = (*(axis.T for axis in orthonormal_basis(normal.T)), normal)
+        local = np.stack([-_dot(direction, axis) for axis in axes])
+        local[2] = np.maximum(local[2], _HAIR)
+        if of_light:  # sampled as from diffuse surfaces, for the lobe is one of directions that light comes from
+            radius, turn = np.sqrt(numbers[0]), 2 * np.pi * numbers[1]
+            out = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - numbers[0])])
+            place = _find_place(row, out[2])
+            worth = np.pi * evaluate_sheen(out, local, _look_up(sheen.a, *place), _look_up(sheen.b, *place))
+        else:
+            place = _find_place(row, local[2])
+            out, worth = sample_sheen(local, _look_up(sheen.a, *place), _look_up(sheen.b, *place), numbers), np.ones(len(row))
+        turned = out[0] * axes[0] + out[1] * axes[1] + out[2] * normal
+        return turned.astype(np.float32), gather(sheen.rgb, row) * (_look_up(sheen.albedo, *place) * worth)
+
+    def _reflect_solid(
+        self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool
+    ) -> tuple[Float32, Float32]:
+        """As reflect, by all but sheen."""
         row, share, layer = self._find_lobes(tri, u, v)
         alpha = gather(self.alpha, row)
         tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
@@ -253,11 +345,7 @@ class Gloss:
             covered, above = _look_up(self.coat.albedo, *place), gather(self.coat.share, row)
             below = self.albedo_at(tri, u, v, local[2]).max(axis=0) - covered
             chance = covered / np.maximum(covered + np.maximum(below, 0), _HAIR)
-            coats = numbers[0] < chance
-            numbers = np.stack(
-                [np.where(coats, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR)), numbers[1]]
-            )
-            numbers[0] = np.clip(numbers[0], 0, 1 - _HAIR)
+            coats, numbers = _choose(chance, numbers)
             alpha = np.where(coats, gather(self.coat.alpha, row), alpha)
         half = sample_visible_normals(local, alpha, numbers)
         cosine = np.clip(_dot(local, half), 0, 1)
@@ -419,6 +507,13 @@ def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
     tangent2 = np.maximum(1 / (cosine * cosine) - 1, 0)
     out: FloatArray = 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)
     return out
+
+
+def _choose(chance: FloatArray, numbers: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """(n,) bool: which of two are chosen, the first by a chance (n,); and (2, n): numbers for what comes next, of numbers (2, n)."""
+    first = numbers[0] < chance
+    rest = np.where(first, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR))
+    return first, np.stack([np.clip(rest, 0, 1 - _HAIR), numbers[1]])
 
 
 def _find_place(row: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -73,6 +73,12 @@ class Material:
     coat: float = 0.0  # share of the surface that has a clear coat above all of this
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
+    sheen_rgb: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # share of the surface with sheen, times its tint; the albedo holds what it reflects
+    sheen_roughness: float = 0.5
     glass_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # tint of what glass refracts, times the share of the surface that is glass
     glass_image: int = -1
     glass_mirror_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of what it reflects, times the same share

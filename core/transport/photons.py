@@ -248,11 +248,10 @@ def _meet(
         place, factor = split_at(tri, u, v)
         split = split * factor
         group = log.open_groups(place, factor)
-    albedo, mirrored = scene.surfaces.reflectance_at(index, u, v).T, None
+    albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
     if scene.gloss:
         mirrored = reflect_photons(scene, arrived, index, group, cosine, depth == 0, _count_parts(parts), rng)
-        albedo = albedo - scene.surfaces.metal_at(index, u, v).T
-        np.maximum(albedo, 0, out=albedo)
+        albedo, row = scene.gloss.find_diffuse(index, u, v, albedo)
         if mirrored:
             log.mirrored += mirrored.power
             landed = landed - mirrored.power
@@ -273,7 +272,7 @@ def _meet(
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
     origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
     group = None if group is None else gather(group, alive)
-    row = gather(scene.gloss.find_rows(index, u, v), alive) if scene.gloss else None
+    row = None if row is None else gather(row, alive)
     through = None if through is None else gather(through, alive)
     if count is not None:
         copy = np.repeat(np.arange(len(alive)), count)

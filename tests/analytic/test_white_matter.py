@@ -21,6 +21,7 @@ MATTER = {
     "rough layer": Material("White", WHITE, layer=1.0, roughness=1.0, ior=2.0),
     "coat": Material("White", WHITE, layer=1.0, coat=1.0, coat_roughness=0.2),
     "coated metal": Material("White", WHITE, metal_rgb=WHITE, roughness=0.7, coat=0.8, coat_roughness=0.4, coat_ior=1.8),
+    "sheen": Material("White", WHITE, layer=0.7, diffuse=0.7, sheen_rgb=WHITE, sheen_roughness=0.8),
     "alpha": Material("White", HALF, passing_rgb=HALF, layer=0.5, diffuse=0.5),
     "translucent": Material("White", WHITE, through_rgb=WHITE),
     "half translucent": Material("White", WHITE, through_rgb=HALF),
@@ -46,6 +47,6 @@ def test_white_matter_keeps_all_light(tmp_path, name, direct, photons, percent, 
     hold(f"furnace of white matter, {direct}: light lost or made", off, high=percent, unit="%")
 
 
-@pytest.mark.parametrize("name", ["half metal", "coated metal", "half translucent"])
+@pytest.mark.parametrize("name", ["half metal", "coated metal", "sheen", "half translucent"])
 def test_some_white_matter_keeps_all_light(tmp_path, name):
     assert bake_around(tmp_path, MATTER[name], "photons", 200_000) == pytest.approx(np.ones(3), abs=0.006)

@@ -45,8 +45,11 @@ Metals are as rough as an image says, and as much of a surface is metal, point b
 mean. The Principled BSDF's Specular Tint tints the edges of metals, and scales what its layer reflects straight on by the mean of its
 channels. Normal maps count for light that arrives, for photons that go on, and for what metals and layers reflect.
 
-A coat is a layer above all else. Sheen is diffuse here, with its energy for even light; where light comes from straight ahead it sends less
-to the side in Cycles. Subsurface light leaves where it arrives.
+Rough metal, gloss and glass give back the light that their facets scatter more than once where the shader's distribution is *Multiscatter
+GGX*, the default since Blender 4.0; files from before have *GGX*, which loses it.
+
+A coat is a layer above all else but sheen, which is brightest along the surface, by a lobe fitted to Cycles' own. Subsurface light leaves
+where it arrives.
 
 A material may let shadow rays pass and be glass for all others. That stands in for light that refracts: shadow rays bring it, and no
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.

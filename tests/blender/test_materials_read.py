@@ -524,12 +524,13 @@ def test_a_coat_lies_above_all_else():
     assert warning == ""
 
 
-def test_sheen_is_diffuse_and_takes_from_what_is_below():
+def test_sheen_takes_from_what_is_below():
     tree = Tree()
     sheen = {"Sheen_Weight": 1.0, "Sheen_Roughness": 1.0, "Sheen_Tint": (1.0, 0.5, 0.0)}
     reading, _, warning = tree.show(tree.add("BsdfPrincipled", Base_Color=(0.5, 0.5, 0.5), **sheen)).read()
     share = 0.4475
     assert reading.material.albedo_rgb == pytest.approx([0.5 * (1 - share) + share * tint for tint in (1.0, 0.5, 0.0)], abs=1e-3)
+    assert reading.material.sheen_rgb == pytest.approx((1.0, 0.5, 0.0))
     cloth, _, _ = tree.show(tree.add("BsdfSheen", Color=(1.0, 0.5, 0.0), Roughness=1.0)).read()
     assert cloth.material.albedo_rgb == pytest.approx((share, share / 2, 0.0), abs=1e-3)
     assert warning == ""
