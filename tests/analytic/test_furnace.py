@@ -19,9 +19,9 @@ SHAPES = {"box": (room_mesh(), 64, 0.005), "sphere": (ball_room_mesh(), 128, 0.0
 RHOS = {"0": (0.0,), "0.5": (0.5,), "0.9": (0.9,), "0.95": (0.95,), "coloured": (0.95, 0.5, 0.1)}
 LEAF_TEXELS = 4
 NEVER = 1e-4
-# Where rho is 0.95, the mean of 400,000 photons varies by 0.16 % alone.
+# Where rho is 0.95, the mean of 400,000 photons varies by 0.16 % alone, that of three times 1,200,000 by 0.053 %: of 0.2 %, a quarter.
 PHOTONS = {"0": 500_000, "0.5": 500_000, "0.9": 250_000, "0.95": 600_000, "coloured": 1_200_000}
-PHOTONS_OF_SLOW = {"0.9": 1_000_000, "0.95": 2_400_000, "coloured": 2_400_000}
+PHOTONS_OF_SLOW = {"0.9": 500_000, "0.95": 1_200_000, "coloured": 1_200_000}
 # By one seed alone the mean of the sphere's light varies by 0.1 %, half of what is claimed.
 FEW_SEEDS, SEEDS = {"box": (3,), "sphere": (3, 4)}, (3, 4, 5)
 QUICK_CASES = [
@@ -31,13 +31,14 @@ QUICK_CASES = [
     ("box", "0.9", "photons", "quadratic"),
     ("sphere", "0.5", "rays", "linear"),
 ]
+# Each two of albedo, way of direct light and basis together, not each three: a photon of 0.95 is reflected 20 times.
 ALL_CASES = [
     (shape, rho, direct, basis)
     for shape in SHAPES
-    for rho in RHOS
-    for direct in DIRECT_MODES
-    for basis in BASES
-    if shape == "box" or basis == "linear"
+    for i, rho in enumerate(RHOS)
+    for j, direct in enumerate(DIRECT_MODES)
+    for k, basis in enumerate(BASES)
+    if (basis == "linear" if shape == "sphere" else (i + j + k) % 2 == 0)
 ]
 PARAMS = [pytest.param((*case, FEW_SEEDS[case[0]]), id="-".join(case)) for case in QUICK_CASES]
 PARAMS += [pytest.param((*case, SEEDS), id="-".join([*case, "seeds"]), marks=pytest.mark.slow) for case in ALL_CASES]
