@@ -14,6 +14,8 @@ from ...core.util.messages import Done, Error, Message, Preview, Progress, Statu
 from ..show.bake_text import Worn, describe_count, describe_percent, describe_seconds, summarize
 from .bake_bar import Bar
 
+_ROUGH = 0.1  # an error whose decimals say nothing
+
 
 class Process(Protocol):
     """What a bake's state needs of job.BakeProcess."""
@@ -180,8 +182,10 @@ class BakeState:
             return bar, stage
         if left >= 1.0:
             bar += f", {describe_seconds(left)} left"
-        line = f"{stage}: {describe_count(progress.photons)}"
-        return bar, line + (f", error {describe_percent(progress.estimated_error)}" if math.isfinite(progress.estimated_error) else "")
+        line, error = f"{stage}: {describe_count(progress.photons)}", progress.estimated_error
+        if not math.isfinite(error):
+            return bar, line
+        return bar, f"{line}, error {describe_percent(error) if error < _ROUGH else f'{100.0 * error:.0f} %'}"
 
     def describe_goal(self) -> str:
         """A line about how far the light has to go; "" while no photon flies, as when a bake begins to go on."""

@@ -70,7 +70,9 @@ def describe_percent(share: float) -> str:
 
 def describe_count(count: int) -> str:
     """A number of photons for a narrow panel."""
-    return f"{count / 1e6:.2f} M" if count >= 1e5 else f"{count:,}"
+    if count < 1e5:
+        return f"{count:,}"
+    return f"{count / 1e6:.2f} M" if count < 1e7 else f"{count / 1e6:.1f} M"
 
 
 def describe_seconds(seconds: float) -> str:

@@ -39,11 +39,11 @@ def describe_estimate(estimate: Estimate) -> list[str]:
     least, most = (max(_round(seconds), 1.0) for seconds in estimate.seconds)
     span = f"usually {describe_seconds(least)} to {describe_seconds(most)}"
     return [
-        f"{objects} object{'' if objects == 1 else 's'}, {estimate.area_m2:.3g} m²",
-        f"{_round(estimate.texels):,.0f} texels, {estimate.density:.3g} per metre",
+        f"{objects:,} object{'' if objects == 1 else 's'}, {_describe_number(estimate.area_m2)} m²",
+        f"{_describe_texels(_round(estimate.texels))} texels, {_describe_number(estimate.density)} per metre",
         f"{'1 page' if pages == 1 else f'about {pages} pages'} of {estimate.page_size} x {estimate.page_size}",
         f"about {_describe_memory(estimate.memory_mb)} of memory",
-        f"about {describe_seconds(most)}, as the last bake" if least == most else span,
+        f"about {describe_seconds(most)}, as last time" if least == most else span,
     ]
 
 
@@ -53,10 +53,9 @@ def describe_takers(estimate: Estimate) -> list[str]:
 
 
 def describe_evened(estimate: Estimate) -> list[str]:
-    """What Even Out does, in a sentence; none where that is nothing."""
+    """What Even Out does, in a line; none where that is nothing."""
     count = len(estimate.evened)
-    most = max((factor for _, factor in estimate.evened), default=1.0)
-    return [f"Even Out: {count} small object{'' if count == 1 else 's'}, up to {_round(most):g} times finer"] if count else []
+    return [f"Even Out: {count:,} object{'' if count == 1 else 's'} finer"] if count else []
 
 
 def describe_plan(context: bpy.types.Context, count: int) -> tuple[str, ...]:
@@ -77,6 +76,15 @@ def prepare(layout: Any) -> Any:
 def _round(value: float) -> float:
     """An estimate claims two digits at most."""
     return float(f"{value:.2g}")
+
+
+def _describe_number(value: float) -> str:
+    """With three digits at least."""
+    return f"{value:.3g}" if value < 1000.0 else f"{float(f'{value:.3g}'):,.0f}"
+
+
+def _describe_texels(count: float) -> str:
+    return f"{count:,.0f}" if count < 1e6 else f"{count / 1e6:g} M"
 
 
 def _describe_memory(memory_mb: float) -> str:

@@ -63,7 +63,7 @@ def test_messages_reach_the_panel():
     assert state.wait() == Done("result.json", False)
     bar, line = state.describe()
     assert bar.endswith(" %, 12 s left")
-    assert line == "Tracing photons: 1.50 M, error 10.0 %"
+    assert line == "Tracing photons: 1.50 M, error 10 %"
     state.end(result=RESULT)
     assert not state.running
     assert state.summarize()[1:] == ["Error 4.8 %", "2 pages of 512 x 512 texels"]
