@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -47,6 +47,7 @@ class ColorReader:
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of
     ray        DIFFUSE or SHADOW, the kind of rays that see the surface; by_ray tells whether what was read depends on it
+    sky        of a world alone: reads an environment texture, None where it cannot, and what Light Path nodes give
     """
 
     def __init__(
@@ -56,9 +57,11 @@ class ColorReader:
         colors: ColorTable | None = None,
         baker: SocketBaker | None = None,
         material: Any = None,
+        sky: tuple[Callable[[ColorReader, Port], Color | None], Mapping[str, float]] | None = None,
     ) -> None:
         self.images, self.faces, self.colors = images, faces, colors
         self.by_faces = self.by_object = self.by_ray = False
+        self.sky = sky
         self.ray = DIFFUSE
         self._baker, self._material, self._depth, self._inexact = baker, material, 0, False
         self.replaced: list[str] = []
@@ -259,6 +262,9 @@ class ColorReader:
 
 def _read_image(reader: ColorReader, port: Port) -> Color:
     node = port.node
+    panorama = reader.sky[0](reader, port) if reader.sky and node.type == "TEX_ENVIRONMENT" else None
+    if panorama is not None:
+        return panorama
     sequence = node.image is not None and node.image.source == "SEQUENCE"
     frame = find_frame(node.image_user, bpy.context.scene.frame_current) if sequence else 0
     pixels = reader.images.read(node.image, frame) if node.image else None
@@ -347,6 +353,8 @@ def _read_light_path(reader: ColorReader, port: Port) -> Color:
     """As a ray sees it that gathers diffuse light, or a shadow ray."""
     reader.by_ray = True
     name = port.socket.name
+    if reader.sky:
+        return Color((reader.sky[1].get(name, 0.0),) * 3)
     if name not in _SEEN_AS:
         reader.note(f"{describe(port.node)} is taken as diffuse rays see it")
     return Color(WHITE if name in _SEEN_AS[reader.ray] else BLACK)

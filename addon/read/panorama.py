@@ -1,4 +1,4 @@
-"""A world that is one equirectangular picture -> a map of its radiance, read straight from the pixels.
+"""A world that is one equirectangular picture, as it is or changed by nodes -> a map of its radiance, read straight from the pixels.
 
 It is many times faster than to have Cycles evaluate it, which does so for all else.
 """
@@ -10,38 +10,58 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..nodes.images_read import read_pixels
+from ..nodes.colors_read import ColorReader
+from ..nodes.images_read import ImageTable, find_sphere_mean
+from ..nodes.node_colors import WHITE, Color, to_rgb
 from ..nodes.node_ports import Port, find_source
-from .world_map import LARGE_SIZE
+from ..nodes.texture_mapping import UvMapping
+from .shaders_read import Surface
+from .world_map import LARGE_SIZE, LIGHT_PATH
 
 _STILL = ("FILE", "GENERATED")
 _FULL_TURN = 2.0 * math.pi
 
 
-def read_panorama(source: Port) -> NDArray[np.float32] | None:
-    """(h, w, 3), W/m^2/sr, of a background node that shows a picture, at most turned about the vertical; None for all else.
+def open_sky() -> ColorReader:
+    """A reader of a world, to which an environment texture is an image that is mapped to directions, at most turned about the vertical."""
+    return ColorReader(ImageTable(LARGE_SIZE[0]), sky=(_read_environment, LIGHT_PATH))
 
-    source   what feeds the world's surface
-    """
-    if source.node.type != "BACKGROUND":
+
+def unroll_sky(reader: ColorReader, surface: Surface) -> NDArray[np.float32] | None:
+    """(h, w, 3), W/m^2/sr, of a world's surface by open_sky; None where something of it was replaced."""
+    shown = surface.emission
+    if reader.replaced or shown.image < 0 or not isinstance(shown.mapping, UvMapping):
         return None
-    strength, color = source.sibling("Strength"), source.sibling("Color")
-    if strength is None or color is None or not strength.is_value or color.node.type != "TEX_ENVIRONMENT":
+    return _unroll(reader.images.images[shown.image].pixels, np.float32(shown.rgb), shown.mapping.affine[0][3] * _FULL_TURN)
+
+
+def _read_environment(reader: ColorReader, port: Port) -> Color | None:
+    node, turn = port.node, _find_picture(port)
+    pixels = None if turn is None or port.socket.name == "Alpha" else reader.images.read(node.image, 0)
+    if turn is None or pixels is None or pixels.alpha is not None or pixels.note:
         return None
+    image = reader.images.index(node.image, 0, "REPEAT", False)
+    turned = np.eye(4)
+    turned[0, 3] = turn / _FULL_TURN
+    first, second, third, fourth = (tuple(row) for row in turned.tolist())
+    return Color(WHITE, image, UvMapping(affine=(first, second, third, fourth)), to_rgb(find_sphere_mean(pixels.pixels)))
+
+
+def _find_picture(color: Port) -> float | None:
+    """By how much an environment texture's picture is turned, rad; None where it is not one equirectangular picture, at most turned."""
     node = color.node
     turn = _find_turn(color)
     if turn is None or node.projection != "EQUIRECTANGULAR" or node.image is None or node.image.source not in _STILL:
         return None
-    if getattr(node.color_mapping, "use_color_ramp", False) or node.color_mapping.brightness != 1.0 or node.color_mapping.contrast != 1.0:
-        return None
-    pixels = read_pixels(node.image, LARGE_SIZE[0])
-    if pixels is None or pixels.alpha is not None or pixels.note:
-        return None
-    height, width, _ = pixels.pixels.shape
+    mapped = node.color_mapping
+    return None if getattr(mapped, "use_color_ramp", False) or mapped.brightness != 1.0 or mapped.contrast != 1.0 else turn
+
+
+def _unroll(pixels: NDArray[np.float32], strength: NDArray[np.float32] | np.float32, turn: float) -> NDArray[np.float32]:
+    height, width, _ = pixels.shape
     rows = 2 * height // width  # of a large picture the columns alone were reduced
-    radiance = pixels.pixels if rows < 2 or height % rows else pixels.pixels.reshape(height // rows, rows, width, 3).mean(axis=1)
-    radiance = np.maximum(radiance, np.float32(0)) * np.float32(max(strength.socket.default_value, 0.0))
-    return _turn_columns(radiance, turn)
+    radiance = pixels if rows < 2 or height % rows else pixels.reshape(height // rows, rows, width, 3).mean(axis=1)
+    return _turn_columns(np.maximum(radiance * strength, np.float32(0)), turn)
 
 
 def _find_turn(color: Port) -> float | None:

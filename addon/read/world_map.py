@@ -23,7 +23,7 @@ from ...core.util.geometry import orthonormal_basis
 from ..nodes.node_ports import give_nodes
 
 # Seen by diffuse surfaces, which all receivers are; a ray is as long as it likes.
-_LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
+LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
 _WORLD: Mapping[str, Any] = {"type": "ENVIRONMENT"}
 _LIGHTING: Mapping[str, Any] = {"type": "DIFFUSE", "pass_filter": {"DIRECT"}}
 _BALL_ROWS = 128  # of faces; chords are off by a fiftieth of a cell of 1,024 rows
@@ -190,5 +190,5 @@ def _show_to_diffuse(tree: Any, made: list[Any], copies: dict[Any, Any]) -> None
                 targets = [link.to_socket for link in output.links]
                 for socket in targets:
                     value = tree.nodes.new("ShaderNodeValue")
-                    value.outputs[0].default_value = _LIGHT_PATH.get(output.name, 0.0)
+                    value.outputs[0].default_value = LIGHT_PATH.get(output.name, 0.0)
                     tree.links.new(value.outputs[0], socket)

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from ...core.lights.environment_suns import Spot, take_suns_out
 from ...core.scene.scene import Light
 from ...core.util.arrays import FloatArray
-from ..nodes.colors_read import ColorReader
-from ..nodes.images_read import ImageTable
 from ..nodes.node_colors import BLACK, Rgb, to_rgb
-from ..nodes.node_ports import Port, find_surface, uses_nodes
-from .panorama import read_panorama
+from ..nodes.node_ports import find_surface, uses_nodes
+from .panorama import open_sky, unroll_sky
 from .render_levels import Warnings
 from .shaders_read import read_shader
 from .world_map import choose_size, open_world
@@ -51,12 +49,12 @@ def read_world(scene: Any, warnings: Warnings, view_layer: Any = None) -> World:
     _, source = find_surface(world)
     if source is None:
         return World()
-    reader = ColorReader(ImageTable())
+    reader = open_sky()
     surface = read_shader(reader, source)
     if not reader.replaced and surface.emission.image < 0 and not any(surface.passing.rgb):
         return World(_clip(surface.emission.mean))
     try:
-        return _evaluate(world, source, scene, view_layer)
+        return _evaluate(world, unroll_sky(reader, surface), scene, view_layer)
     except RuntimeError as reason:
         cause = str(reason).strip().splitlines()[-1].removeprefix("Error: ")
         warnings.append((world.name, f"the world is baked as a uniform sky, for Cycles could not evaluate it ({cause})"))
@@ -67,8 +65,7 @@ def _clip(rgb: Rgb) -> Rgb:
     return max(rgb[0], 0.0), max(rgb[1], 0.0), max(rgb[2], 0.0)
 
 
-def _evaluate(world: Any, source: Port, scene: Any, view_layer: Any) -> World:
-    picture = read_panorama(source)
+def _evaluate(world: Any, picture: NDArray[np.float32] | None, scene: Any, view_layer: Any) -> World:
     if picture is not None:
 
         def look_closer(direction: FloatArray, half_angle_rad: float) -> Spot:
