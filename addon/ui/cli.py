@@ -66,6 +66,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     if request.dry_run:
         return _print_plan(request, process, warnings)
     _check(request)
+    if request.save is not None:  # a later bake into the same folder must not change what that file shows, with or without the add-on
+        request = replace(request, keep_pages=True)
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
     start = time.perf_counter()

@@ -145,13 +145,18 @@ def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
 
     bpy.ops.wm.open_mainfile(filepath=str(saved))
     image = bpy.data.images["room_0.combined"]
-    assert image.filepath == "//../maps/room_0.combined.exr"
+    shown = Path(bpy.path.abspath(image.filepath))
+    assert shown.read_bytes() == first
+    assert image.filepath.startswith("//../maps/")  # both can be moved together
     floor = bpy.data.objects["Floor"]
     assert "Leaflight" in floor.data.uv_layers
     assert any(node.type == "TEX_IMAGE" and node.image == image for node in floor.material_slots[0].material.node_tree.nodes)
 
     assert bake(saved, output=room.parent / "again") == 0
     assert (room.parent / "again" / "baked_0.combined.exr").read_bytes() == first  # the bake itself gives no light
+    assert bake(room, "--size", "48") == 0
+    assert (room.parent / "maps" / "room_0.combined.exr").read_bytes() != first
+    assert shown.read_bytes() == first  # also where no add-on looks after it
 
 
 @pytest.mark.own_process
@@ -205,7 +210,7 @@ def test_small_objects_are_finer_unless_one_density_is_wanted(tmp_path, capsys):
     assert texels[0]["Floor"] > 0.5 * texels[1]["Floor"]
     capsys.readouterr()
     assert bake(scene, "--size", "128", "--dry-run") == 0
-    assert "Even Out: 1 small object, " in capsys.readouterr().err
+    assert "Even Out: 1 object finer" in capsys.readouterr().err
 
 
 def test_another_scene_of_the_file_is_baked(tmp_path, capsys):
