@@ -164,7 +164,9 @@ class Baking:
 
         meter = context.window_manager.leaflight_meter
         self._process, self._began, self._preparation = process, began, Preparation(begin, lambda: int(meter.updates))
+        plan = describe_plan(context)  # now: reading the scene is a change, too, after which it would have to be measured anew
         state.prepare(process, began, self._preparation.give_back, self._scene_uid)
+        state.plan = self._plan = plan
         return True
 
     def _prepare(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
@@ -189,7 +191,7 @@ class Baking:
             self._ended = state.begin_kept(session.list_kept_messages(prepared), self._began, warnings, self._scene_uid)
         else:
             state.begin(self._process, self._began, warnings, prepared.request.settings.error, self._scene_uid)
-            state.plan = describe_plan(context, len(prepared.export.objects))
+            state.plan = self._plan if self._plan[0] else describe_plan(context, len(prepared.export.objects))
         return self._finish(context, self._ended) if self._ended else None
 
     def _fail(self, context: bpy.types.Context, error: str) -> None:

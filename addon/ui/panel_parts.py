@@ -58,12 +58,12 @@ def describe_evened(estimate: Estimate) -> list[str]:
     return [f"Even Out: {count:,} object{'' if count == 1 else 's'} finer"] if count else []
 
 
-def describe_plan(context: bpy.types.Context, count: int) -> tuple[str, ...]:
-    """Lines about a bake of so many objects that begins: those of the estimate, or the number alone where the scene has changed since."""
+def describe_plan(context: bpy.types.Context, count: int = 0) -> tuple[str, ...]:
+    """Lines about a bake that begins: those of the estimate, or where the scene has changed since, the number of objects, if known."""
     meter = context.window_manager.leaflight_meter
     if meter.estimate is not None and not meter.stale:
         return tuple(describe_estimate(meter.estimate))
-    return (f"{count} object{'' if count == 1 else 's'}", "", "")
+    return (f"{count:,} object{'' if count == 1 else 's'}" if count else "", "", "")
 
 
 def prepare(layout: Any) -> Any:

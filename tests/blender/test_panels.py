@@ -412,3 +412,14 @@ def test_no_line_is_cut_at_the_sidebars_own_width():
         state = BakeState(stage=stage, progress=Progress(0.5, 64_000_000, 1e6, 0.123, 60.0, 1000))
         cut += [line for line in state.describe() if blf.dimensions(0, line)[0] > 205]
     assert not cut
+
+
+def test_what_was_planned_is_said_while_it_is_baked(state):
+    """Although reading a scene that has something hidden in the viewport changes it for a moment."""
+    bpy.data.objects["Cube"].hide_viewport = True
+    bpy.context.view_layer.update()
+    meter = bpy.context.window_manager.leaflight_meter
+    meter.measure(bpy.context)
+    planned = panel_parts.describe_estimate(meter.estimate)
+    bpy.ops.leaflight.bake()
+    assert list(state.plan) == planned

@@ -201,6 +201,7 @@ def check_meanwhile() -> Iterator[float]:
     middle = {"x": window().width // 3, "y": window().height // 2}
     press_bake()
     check("2,000 objects take more than one step", is_reading())
+    check("and the panel says meanwhile what was planned", len(state().plan) >= 3)
     window().event_simulate(type="ESC", value="PRESS", **middle)
     window().event_simulate(type="ESC", value="RELEASE", **middle)
     yield from wait(lambda: not state().running)
