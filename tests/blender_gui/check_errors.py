@@ -23,7 +23,7 @@ import bpy
 SCENE_FILE = bpy.data.filepath
 PICTURES = Path(os.environ["PICTURES"]) if "PICTURES" in os.environ else None
 TICK_SECONDS = 0.05
-GIVE_UP_SECONDS = 90.0
+GIVE_UP_SECONDS = 300.0
 WIDTH, BAR_HEIGHT, COLORS = 700, 24, 96
 FAILED: list[str] = []
 
@@ -156,7 +156,7 @@ def check_warning(name: str, subject: str, sentence: str) -> Iterator[float]:
     check(f"{name}: a warning in the panel", any(sentence in text for text in found))
     check(f"{name}: told in the status bar", any("in the panel" in line for line in told()))
     check(f"{name}: the rest is baked", is_baked() and not state().error)
-    yield from picture(name, 520)
+    yield from picture(name, 640)
 
 
 def is_baked() -> bool:
