@@ -28,9 +28,9 @@ _HEAD = """# Light by every kind of sky, lamp and matter
 
 A floor of 4 m in a small scene for each kind of sky, lamp, geometry and matter, baked by Leaflight (`--error 0.01`) and by Cycles
 (DIFFUSE, direct and indirect, without colour; all bounces, no clamping, {samples} samples twice, four times as many for caustics, and 32
-or 64 times where that is still grainy) on the same UV layer.
-*mean* is Leaflight's mean light over Cycles', *nrmse* the root mean square difference over the mean, from which Cycles'
-own noise is taken off. Targets: 1 % and 4 %.
+times where that is still grainy) on the same UV layer. *mean* is Leaflight's mean light over Cycles', *nrmse* the root mean square
+difference over the mean, from which Cycles' own noise is taken off. Targets: 1 % and 4 %.
+
 `make bench-matter` makes this page.
 
 Matter is diffuse, or a metal, mirror or glossy shader (GGX), the layer of the Principled BSDF, glass, transparent, or a mix of these,
