@@ -50,7 +50,7 @@ class Checkpoint:
     energy_w        (7, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
     cell            (k,) int64: cells of sides without a lightmap that photons fell on
     cell_flux       (2, 3, k) float64: of cell_tally.CellTally
-    given_up        of gather_plan.GatherPlan, as are given_up_told and budget_rays
+    given_up        of gather_plan.GatherPlan, as are given_up_weight and budget_rays
     splitting       of the last round, if some of its shards were not read
     late            these, of photon_shards.PhotonShard but for their folders
     """
@@ -65,13 +65,13 @@ class Checkpoint:
     cell: NDArray[np.int64]
     cell_flux: NDArray[np.float64]
     photons: int
-    told: float
+    total_weight: float
     rays: int
     deposits: int
     gathered: int
     round: int
     given_up: float
-    given_up_told: float
+    given_up_weight: float
     budget_rays: float
     splitting: Splitting | None
     late: list[dict[str, Any]]
@@ -80,7 +80,7 @@ class Checkpoint:
     def of(cls, solver: Solver) -> Checkpoint:
         ledger, plan = solver.ledger, solver.gather_plan
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
-        counts = ledger.photons, ledger.told, ledger.rays, ledger.deposits, ledger.gathered, solver.round
+        counts = ledger.photons, ledger.total_weight, ledger.rays, ledger.deposits, ledger.gathered, solver.round
         parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
         cell = np.flatnonzero(solver.cell_tally.flux.any(axis=(0, 1)))
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
@@ -92,7 +92,7 @@ class Checkpoint:
             solver.cell_tally.flux[:, :, cell],
             *counts,
             plan.given_up,
-            plan.given_up_told,
+            plan.given_up_weight,
             plan.budget_rays,
             splitting,
             late,
@@ -105,11 +105,11 @@ class Checkpoint:
         solver.direct, solver.round = self.direct, self.round
         solver.cell_tally.flux[:, :, self.cell], solver.cell_tally.photons[:] = self.cell_flux, self.tally.photons
         solver.direct.ask_for(solver.settings.error)
-        solver.gather_plan.give_up(self.given_up, self.given_up_told)
+        solver.gather_plan.give_up(self.given_up, self.given_up_weight)
         solver.gather_plan.budget_rays = self.budget_rays
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
-        ledger.photons, ledger.told, solver.photons_before = self.photons, self.told, self.photons
+        ledger.photons, ledger.total_weight, solver.photons_before = self.photons, self.total_weight, self.photons
         ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
         solver.send_again([PhotonShard(**fields) for fields in self.late], self.splitting)
 

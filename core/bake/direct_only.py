@@ -44,7 +44,7 @@ def settle_direct(
 
     tri_object   (n_tri,) int: the object of each triangle
     """
-    judged = ErrorMetric.of(settings.error_of, texels, tri_object)
+    metric = ErrorMetric.of(settings.error_of, texels, tri_object)
     rules = StopRules(settings, should_stop, time.monotonic(), deadline)
     tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
@@ -54,7 +54,7 @@ def settle_direct(
     while True:
         looked = time.monotonic()
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
-        stated = error_estimate.state_error(reading, shown, texels, judged=judged)
+        stated = error_estimate.state_error(reading, shown, texels, metric=metric)
         if deadline:
             deadline.note_light(time.monotonic() - looked)
         worst = _find_worst(direct, stated.texel_direct2(), settings.error)
@@ -90,7 +90,7 @@ def _find_worst(direct: DirectField, error2: NDArray[np.float32], error: float) 
     error2   (n,): relative, squared
     """
     shared = direct.share_error(error2)
-    asked = [told > error**2 for told in (shared, error2)]
+    asked = [found > error**2 for found in (shared, error2)]
     if not any(of.any() for of in asked):
         asked = [shared > shared.mean(dtype=np.float64)]
     for of in asked:

@@ -36,7 +36,7 @@ class GatherPlan:
     n_texel         number of texels of the bake
     tiled           share of them in tiles
     given_up        least requested error for which gathering was not enough; inf where it was not tried
-    given_up_told   photons at that time, as Ledger.told
+    given_up_weight   photons at that time, as Ledger.total_weight
     budget_rays     gather rays after which the bake returns to leaves for good: the estimated photon rays instead of them, so that a wrong
                     forecast costs at most twice the better choice (ski rental problem; Karlin et al. 1988)
     """
@@ -44,7 +44,7 @@ class GatherPlan:
     n_texel: int
     tiled: float
     given_up: float = math.inf
-    given_up_told: float = 0.0
+    given_up_weight: float = 0.0
     budget_rays: float = math.inf
 
     @classmethod
@@ -52,9 +52,9 @@ class GatherPlan:
         tiles = find_tiles(texels.texel_chart, texels.texel_code)
         return cls(len(texels), len(tiles) * TILE_TEXELS / max(len(texels), 1))
 
-    def give_up(self, error: float, told: float) -> None:
+    def give_up(self, error: float, total_weight: float) -> None:
         """Record that gathering was not enough for this error with the light of so many photons."""
-        self.given_up, self.given_up_told = error, told
+        self.given_up, self.given_up_weight = error, total_weight
 
     def pays(self, settings: Settings, stated: StatedError, ledger: Ledger, round_: int, weigh: Callable[[], float]) -> bool:
         """Whether gathering takes less time than the photons that the requested error would need.
@@ -62,7 +62,7 @@ class GatherPlan:
         round_   number of rounds so far
         weigh    returns the weight of a photon of the next round, relative to one of the first
         """
-        is_given_up = settings.error >= self.given_up and ledger.told < _AGAIN * self.given_up_told
+        is_given_up = settings.error >= self.given_up and ledger.total_weight < _AGAIN * self.given_up_weight
         is_given_up |= ledger.gathered >= self.budget_rays
         is_planned = uses("gathering_plan")
         if round_ < 2 or (is_planned and (is_given_up or self.tiled < _LEAST_TILED)):  # after one round the light is too noisy
@@ -80,11 +80,11 @@ class GatherPlan:
         wanted2 = (1.0 - DIRECT_SHARE**2) * settings.error**2
         if noise2 <= wanted2 or stated.relative > _MOST_KNOWN * settings.error:
             return False
-        if ledger.told * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:  # photons alone cannot reach the error
+        if ledger.total_weight * (noise2 / wanted2 - 1.0) > settings.max_photons - ledger.photons:  # photons alone cannot reach the error
             self.budget_rays = math.inf
             return True
         rays = (_RAYS_EACH + _RAYS_BY_ERROR / settings.error) * stated.indirect * self.n_texel
-        photons = ledger.told * (grow_photons(noise2, wanted2, degree) - 1.0) / weigh()
+        photons = ledger.total_weight * (grow_photons(noise2, wanted2, degree) - 1.0) / weigh()
         instead = photons * ledger.rays / ledger.photons
         if instead <= rays:
             return False

@@ -96,7 +96,7 @@ class Solver:
         self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
         self.gather_plan = GatherPlan.of(texels)
-        self.judged = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
+        self.metric = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
@@ -166,7 +166,7 @@ class Solver:
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
         if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, lambda: self._guide_photons()[1]):
-            return partial(self._gather, reading, stated.relative, np.arange(len(self.tracing.texels)))
+            return partial(self._gather, reading, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
@@ -174,7 +174,7 @@ class Solver:
         if rays is self.gathered:
             if ledger.gathered >= self.gather_plan.budget_rays:
                 return self._stop_gathering
-            return partial(self._gather, reading, stated.relative, worst, repeats=repeats)
+            return partial(self._gather, reading, worst, repeats=repeats)
         return partial(self._shoot_again, reading, worst, repeats)
 
     def _other_light(self, reading: RadiositySolution) -> ReferenceLevel | None:
@@ -193,10 +193,8 @@ class Solver:
             if not self.direct.shoot(self.folder, self.settings, self.executor, texels, tell, should_stop, other):
                 return
 
-    def _gather(
-        self, reading: RadiositySolution, error: float, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1
-    ) -> None:
-        into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels), error)
+    def _gather(self, reading: RadiositySolution, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:
+        into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels))
         light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
         known = KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
         before = into.counters.get("rays", 0)
@@ -210,11 +208,11 @@ class Solver:
     def _read_tallies(self) -> RadiositySolution:
         squares = self.squares.light(self.square_tally)
         shrink = self.settings.hierarchical and uses("coefficient_shrinkage")
-        return RadiositySolution.of(self.tree, self.tally, self.rule, self.judged, shrink, squares)
+        return RadiositySolution.of(self.tree, self.tally, self.rule, self.metric, shrink, squares)
 
     def _trace_round(self, stated: error_estimate.StatedError | None) -> None:
         if self.gathered:
-            self.gather_plan.give_up(self.settings.error, self.ledger.told)
+            self.gather_plan.give_up(self.settings.error, self.ledger.total_weight)
         self.gathered, (splitting, weight) = None, self._guide_photons()
         view, self.splitting = self._save_view(self.round, splitting), splitting
         settings, parted, born, (photons, left) = self.settings, [], [], self._next_photons(stated, weight)
@@ -297,7 +295,7 @@ class Solver:
         shown = texels, self.settings.denoise, limited
         direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
         photon_w, few = self.ledger.photon_w(), self._find_few(reading)
-        stated = error_estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.judged, photon_w, few)
+        stated = error_estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.metric, photon_w, few)
         self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
         return self._make_light(reading, stated), stated
 
@@ -338,8 +336,8 @@ class Solver:
         """Photons of the next round, and how many the bake may trace after it: 0 where it probably needs none."""
         errors = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         settings, most, late = self.settings, self.settings.max_photons, self.rounds.count_late()
-        so_far, told = self.ledger.photons + late[0], self.ledger.told + late[1]
+        so_far, total_weight = self.ledger.photons + late[0], self.ledger.total_weight + late[1]
         degree = self.degree if settings.hierarchical else None
-        photons, is_last = rounds.next_photons(so_far, told, weight, most, len(self.tree), settings.error, *errors, degree)
+        photons, is_last = rounds.next_photons(so_far, total_weight, weight, most, len(self.tree), settings.error, *errors, degree)
         photons = max(self.deadline.cap_photons(photons), min(photons, _LEAST_PHOTONS))
         return photons, 0 if is_last else most - so_far - photons

@@ -1,9 +1,7 @@
-"""Discretisation bias of the leaves' light, squared and relative to local brightness, from two estimators.
+"""Discretisation bias of the leaves' light, squared and relative to local brightness.
 
-The difference between a leaf and its children is an unbiased estimator in sum, but its variance is high where leaves are few, and it has
-selection bias: its photons also chose the leaves, and nodes whose children differed little by chance were not split. The second estimator
-extrapolates from the bias of nodes one and two levels up, which lies far above noise, by its decay from level to level. Both are sums over
-all leaves and are combined with weights of inverse variance.
+The product of the differences between a leaf and its children in the two half buffers is an unbiased estimator in sum. Its photons also
+chose the leaves, so that it has selection bias: nodes whose children differed little by chance were not split.
 """
 
 from __future__ import annotations
@@ -18,20 +16,11 @@ from ..radiosity import refine
 from ..radiosity.coefficient_shrinkage import beyond_noise
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.tally import Solution
-from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .reconstruct import PointLight, evaluate_leaf
 
 # Squared bias of a node over that of its parent: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
-# bias2(leaf) = FALL_GOES_ON * fall * bias2(parent), fall = sum bias2(parent) / sum bias2(grandparent): in the closed forms, where light is
-# smooth, the decay is faster the finer leaves are. FALL_DOUBT is the relative standard error of the extrapolated sum.
-FALL_GOES_ON, FALL_DOUBT = 0.5, 0.5
-# Factor on the standard error of the children's estimate where it is below the extrapolation, for its selection bias.
-HIDDEN_DOUBT = 2.0
-# Standard deviations of noise by which a grandparent's children must differ for its bias to enter the decay. Children of evenly lit nodes
-# that were split by chance differ by three to five.
-FAR_OUT = 10.0
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -56,73 +45,32 @@ class AskedLight:
 class Bias:
     """Bias at some texels: float64, squared and relative.
 
-    judge         (m,) int32, of find_judges
-    told          (m,): product of the differences of the two half buffers, whose noise is independent: an unbiased estimator
-    gap           (m,): its absolute value, noise included: leaving out the worst texels by it leaves out as much noise below zero as above
-    noise         (m,): standard error of `told`, fully correlated among the texels of one comparison node
-    parent        (m,): bias of the parent of the texel's leaf; nan where there is no parent, and for leaves of one texel
-    grandparent   (m,): the same, one level up; nan also where it is not significant (FAR_OUT)
+    node       (m,) int32, of find_comparison_nodes
+    unbiased   (m,): product of the differences of the two half buffers, whose noise is independent: an unbiased estimator
+    gap        (m,): its absolute value, noise included: leaving out the worst texels by it leaves out as much noise below zero as above
+    noise      (m,): standard error of `unbiased`, fully correlated among the texels of one comparison node
     """
 
-    judge: NDArray[np.int32]
-    told: NDArray[np.float64]
+    node: NDArray[np.int32]
+    unbiased: NDArray[np.float64]
     gap: NDArray[np.float64]
     noise: NDArray[np.float64]
-    parent: NDArray[np.float64]
-    grandparent: NDArray[np.float64]
 
     def without(self, texels: NDArray[np.bool_]) -> Bias:
         """The bias without texels (m,) that show other light than the leaves'."""
-        told, gap, noise = (np.where(texels, 0.0, part) for part in (self.told, self.gap, self.noise))
-        parent, grandparent = (np.where(texels, np.nan, part) for part in (self.parent, self.grandparent))
-        return replace(self, told=told, gap=gap, noise=noise, parent=parent, grandparent=grandparent)
+        unbiased, gap, noise = (np.where(texels, 0.0, part) for part in (self.unbiased, self.gap, self.noise))
+        return replace(self, unbiased=unbiased, gap=gap, noise=noise)
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> Bias:
         """The bias at the texels `rows` (k,), its squares scaled by `factor` (k,)."""
-        values = (factor * part[rows] for part in (self.told, self.gap, self.noise, self.parent, self.grandparent))
-        return Bias(self.judge[rows], *values)
+        return Bias(self.node[rows], *(factor * part[rows] for part in (self.unbiased, self.gap, self.noise)))
 
     def sum_up(self, best: NDArray[np.intp]) -> tuple[float, float]:
         """The mean over the texels `best` (k,), and its standard error."""
-        likely = self._foretell(best)
-        foretold = ~np.isnan(likely)
-        if not likely[foretold].sum() > 0.0 or not uses("bias_forecast"):
-            foretold[:] = False
-        told, seen2, doubt2 = self._tell(best[~foretold])
-        value, square = beyond_noise(told, seen2), doubt2
-        if foretold.any():
-            told, _, doubt2 = self._tell(best[foretold])
-            found, found2 = _weigh(float(likely[foretold].sum()), told, doubt2)
-            value, square = value + found, square + found2
-        return value / len(best), math.sqrt(square) / len(best)
-
-    def _tell(self, rows: NDArray[np.intp]) -> tuple[float, float, float]:
-        """Over the texels `rows`: the estimate's sum, the squared sums of each comparison node, and the squared standard error of these."""
         # Only the sum is unbiased, and errors are independent between comparison nodes. The shrinkage rests on the seen scatter of their
         # sums, the standard error on the expected one, for a few sums may agree by chance.
-        seen2, doubt2 = ((np.bincount(self.judge[rows], part[rows]) ** 2).sum() for part in (self.told, self.noise))
-        return float(self.told[rows].sum()), float(seen2), float(doubt2)
-
-    def _foretell(self, best: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(k,): extrapolated bias at the texels `best` (k,), valid in sum; nan where there is none."""
-        parent, grandparent = self.parent[best], self.grandparent[best]
-        deep = ~np.isnan(parent + grandparent)
-        above, below = float(grandparent[deep].sum()), float(parent[deep].sum())
-        # Leaves without a grandparent to compare take the decay of the others.
-        fall = below / above if above > 0.0 and below > 0.0 else math.nan
-        likely: NDArray[np.float64] = FALL_GOES_ON * fall * parent
-        return likely
-
-
-def _weigh(likely: float, told: float, doubt2: float) -> tuple[float, float]:
-    """Mean of the extrapolation and the children's estimate by inverse variance, and its squared standard error.
-
-    doubt2   squared standard error of `told`
-    """
-    is_less = told < likely
-    told2, foretold2 = doubt2 * (HIDDEN_DOUBT**2 if is_less else 1.0), (FALL_DOUBT * likely) ** 2
-    share = told2 / (told2 + foretold2) if told2 else 0.0  # the extrapolation's; both squares may underflow
-    return max(told + share * (likely - told), 0.0), share * foretold2
+        seen2, doubt2 = (float((np.bincount(self.node[best], part[best]) ** 2).sum()) for part in (self.unbiased, self.noise))
+        return beyond_noise(float(self.unbiased[best].sum()), seen2) / len(best), math.sqrt(doubt2) / len(best)
 
 
 def find_bias(
@@ -139,58 +87,54 @@ def find_bias(
     asked        the light shown there
     correction   (3,), of variance_estimate.noise_correction
     """
-    judge = find_judges(tree, nodes, sample)
+    node = find_comparison_nodes(tree, nodes, sample)
     blind2 = (asked.weight * guess_blind(tree, solution, comparison, nodes)[asked.leaf]).mean(1)
-    told = compare_with_judges(tree, solution, judge, asked, correction, blind2)
-    parent = np.where(tree.side[asked.leaf] > 1, tree.parent[asked.leaf], -1)  # a leaf of one texel has no bias
-    grandparent = np.where(parent >= 0, tree.parent[parent], -1)
-    missing = _find_missing_of(comparison, parent), _find_missing_of(comparison, grandparent, FAR_OUT)  # the decay of noise means nothing
-    return Bias(judge, *told, *((asked.weight * of_nodes).mean(1) for of_nodes in missing))
+    return Bias(node, *compare_with_nodes(tree, solution, node, asked, correction, blind2))
 
 
-def find_judges(tree: Quadtree, nodes: IntArray, sample: NDArray[np.int64]) -> NDArray[np.int32]:
+def find_comparison_nodes(tree: Quadtree, nodes: IntArray, sample: NDArray[np.int64]) -> NDArray[np.int32]:
     """(m,) int32: the comparison node of each texel of `sample` (m,): a child of its leaf of `nodes` where there is one, else the leaf.
 
     Nodes further down have fewer photons, and tens of times the variance of a leaf.
     """
     opened = np.zeros(len(tree), bool)
     opened[nodes] = tree.has_children[nodes]
-    judges = refine.open_nodes(tree, nodes, opened)
-    judges = judges[np.argsort(tree.start[judges])]  # they tile the charts
-    place = np.searchsorted(tree.start[judges], sample, side="right") - 1
-    judge: NDArray[np.int32] = judges[place].astype(np.int32)
-    return judge
+    found = refine.open_nodes(tree, nodes, opened)
+    found = found[np.argsort(tree.start[found])]  # they tile the charts
+    place = np.searchsorted(tree.start[found], sample, side="right") - 1
+    node: NDArray[np.int32] = found[place].astype(np.int32)
+    return node
 
 
-def compare_with_judges(
+def compare_with_nodes(
     tree: Quadtree,
     solution: Solution,
-    judge: NDArray[np.int32],
+    node: NDArray[np.int32],
     asked: AskedLight,
     correction: NDArray[np.float64],
     blind2: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Squared relative difference between the blend and the comparison nodes: `told`, `gap` and `noise` of a Bias.
+    """Squared relative difference between the blend and the comparison nodes: `unbiased`, `gap` and `noise` of a Bias.
 
-    judge    (m,) int32, of find_judges
+    node     (m,) int32, of find_comparison_nodes
     blind2   (m,): the estimate where there are no nodes below
     """
     unbiased = blind2.copy()
     seen = np.maximum(unbiased, 0.0)
     noise = np.abs(blind2)
-    told = np.flatnonzero(judge != asked.leaf)
-    weight, halves = asked.weight[told].T, asked.light.irradiance[..., told]
-    below = evaluate_leaf(tree, solution, judge[told], asked.x[told], asked.y[told], halves=True)
+    rows = np.flatnonzero(node != asked.leaf)
+    weight, halves = asked.weight[rows].T, asked.light.irradiance[..., rows]
+    below = evaluate_leaf(tree, solution, node[rows], asked.x[rows], asked.y[rows], halves=True)
     gap = np.where(halves.sum(0) > 0.0, halves, 0.0) - below.irradiance  # light below zero is shown as 0
-    unbiased[told] = (weight * gap[0] * gap[1]).mean(0)
-    group = judge[told]
-    seen[told] = np.abs(np.bincount(group, unbiased[told]))[group] / np.bincount(group)[group]
+    unbiased[rows] = (weight * gap[0] * gap[1]).mean(0)
+    group = node[rows]
+    seen[rows] = np.abs(np.bincount(group, unbiased[rows]))[group] / np.bincount(group)[group]
     # Each half has twice the variance of the whole; over a node the product has as many independent parts as the node has functions.
     # The blend shares part of its noise with the comparison node; as the blend's weights are near those of least variance, the covariance
     # is the blend's own variance, and the difference has the variance var(below) - var(blend).
-    noise2 = np.maximum(below.variance - asked.light.variance[:, told], 0.0) * correction[:, None]
+    noise2 = np.maximum(below.variance - asked.light.variance[:, rows], 0.0) * correction[:, None]
     of_half = 2.0 * (weight * noise2).mean(0)
-    noise[told] = of_half / np.sqrt(np.maximum(tree.rank[judge[told]], 1))
+    noise[rows] = of_half / np.sqrt(np.maximum(tree.rank[node[rows]], 1))
     return unbiased, seen, noise
 
 
@@ -206,14 +150,12 @@ def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Compariso
     return missing
 
 
-def _find_missing_of(comparison: refine.Comparison, nodes: IntArray, least_sigmas: float = -math.inf) -> NDArray[np.float64]:
-    """(m, 3) float64, (W/m^2)^2: squared bias of `nodes` (m,) from the product of both halves.
-
-    least_sigmas   nan for nodes whose difference is less significant, for nodes not compared with their children, and for -1
+def _find_missing_of(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
+    """(m, 3) float64, (W/m^2)^2: squared bias of `nodes` (m,) from the product of both halves; nan for nodes not compared with their
+    children, and for -1.
     """
     row, difference = comparison.rows[0][nodes], comparison.differences[0]
     known = np.flatnonzero((nodes >= 0) & (row >= 0))
-    known = known[difference.sigmas[row[known]] >= least_sigmas]
     missing = np.full((len(nodes), 3), np.nan)
     # Without subtracting expected noise: photons spread more evenly than independent ones, and the subtraction would hide a bias.
     missing[known] = difference.common[row[known]]

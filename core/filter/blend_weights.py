@@ -47,8 +47,8 @@ def find_shares(
         share[around] = 0.0
         left = 1.0 - np.bincount(row, share, len(leaf)) - own
         share[around] = np.maximum(left, 0.0)[row[around]] / np.bincount(row[around], minlength=len(leaf))[row[around]]
-    told = np.flatnonzero(share)
-    return np.maximum(own, _LEAST_SHARE), row[told], other[told], share[told]
+    kept = np.flatnonzero(share)
+    return np.maximum(own, _LEAST_SHARE), row[kept], other[kept], share[kept]
 
 
 def _overlap(low: list[Float64], side: NDArray[Any], window: Float64) -> Float64:

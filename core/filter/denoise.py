@@ -88,11 +88,11 @@ def denoise(
     grainy: NDArray[np.bool_],
     texels: TexelMap,
     spread: Spread = starmap,
-    tell: bool = False,
+    with_variance: bool = False,
     by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothed:
     """Filter the light; arguments as of begin_denoising."""
-    return begin_denoising(light, variance, grainy, texels, spread, tell, by_quads).finish()
+    return begin_denoising(light, variance, grainy, texels, spread, with_variance, by_quads).finish()
 
 
 def begin_denoising(
@@ -101,7 +101,7 @@ def begin_denoising(
     grainy: NDArray[np.bool_],
     texels: TexelMap,
     spread: Spread,
-    tell: bool,
+    with_variance: bool,
     by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothing:
     """Start filtering all texels near grainy ones; the arrays must not change until the filter has finished.
@@ -109,7 +109,7 @@ def begin_denoising(
     light      (k, n, 3) float32: parts of the light at the texel entries; similarity is measured on their sum
     variance   (n, 3) float32, of the sum
     grainy     (n,) bool: texels whose noise is independent of their neighbours'
-    tell       whether the variance that is left is computed; else it is 0
+    with_variance       whether the variance that is left is computed; else it is 0
     by_quads   (n,) bool: texels of a quad have the same error; None where none do
     """
     # The scale keeps squares of tiny and huge light finite.
@@ -125,21 +125,21 @@ def begin_denoising(
                 entry, wanted = strips.stack(some)
                 asked.append((entry[HALO:-HALO, HALO:-HALO][wanted], lattice.of_quads))
                 chart = np.where(entry >= 0, texels.chart_piece.take(texels.texel_chart.take(entry, mode="wrap")), -1)
-                yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, tell
+                yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, with_variance
 
     return Smoothing(light, asked, chain([nothing], spread(_smooth_strips, ask())))
 
 
 def _smooth_strips(
-    light: _Image, variance: _Image, chart: NDArray[np.int32], wanted: NDArray[np.bool_], scale: np.float32, tell: bool
+    light: _Image, variance: _Image, chart: NDArray[np.int32], wanted: NDArray[np.bool_], scale: np.float32, with_variance: bool
 ) -> tuple[_Image, _Image, _Image]:
-    """Filtered light (k, m, 3), its variance (m, 3), 0 unless `tell`, and own shares (m,) of the texels `wanted`.
+    """Filtered light (k, m, 3), its variance (m, 3), 0 unless `with_variance`, and own shares (m,) of the texels `wanted`.
 
     light (k, h, w, 3), variance (h, w, 3), chart (h, w), -1 outside of charts; wanted (h, w) without the halo
     """
     planes = np.ascontiguousarray(light.transpose(0, 3, 1, 2)) * scale
     noise = np.where(chart >= 0, np.ascontiguousarray(variance.transpose(2, 0, 1)) * scale * scale, 0)
-    mean, left, own_share = smooth_alike(planes, noise, chart, tell)
+    mean, left, own_share = smooth_alike(planes, noise, chart, with_variance)
     smoothed = (mean[..., wanted] / scale).transpose(0, 2, 1)
-    kept = left[:, wanted].T / scale**2 if tell else np.zeros(smoothed.shape[1:], np.float32)
+    kept = left[:, wanted].T / scale**2 if with_variance else np.zeros(smoothed.shape[1:], np.float32)
     return np.ascontiguousarray(smoothed), np.ascontiguousarray(kept), own_share[wanted]

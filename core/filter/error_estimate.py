@@ -22,7 +22,7 @@ from ..texels.texel_map import TexelMap
 from ..util.ablation import uses
 from . import bias_estimate, variance_estimate
 from .denoise import GRAIN_LEFT, SMALL_LEAF
-from .error_terms import RayNoise, Terms, judge_rays_alone
+from .error_terms import RayNoise, Terms, find_ray_error_alone
 from .filtered_field import FilteredField, FilteredGather
 from .neighbours import Neighbours
 from .radiosity_solution import RadiositySolution
@@ -73,7 +73,7 @@ def state_error(
     texels: TexelMap,
     smooth_grain: bool = True,
     gathered: FilteredGather | None = None,
-    judged: ErrorMetric | None = None,
+    metric: ErrorMetric | None = None,
     photon_w: NDArray[np.float64] | None = None,
     few: SpatialShrinkage | None = None,
 ) -> StatedError:
@@ -81,19 +81,19 @@ def state_error(
 
     smooth_grain   whether the leaves' light is shown filtered
     gathered       light shown in place of the leaves'
-    judged         the sampled texels; None is a sample of all
+    metric         the sampled texels; None is a sample of all
     photon_w       (3,), W, power of one photon: bounds the light that objects without photons may lack; None is 0
     few            leaves of the reading that are shrunk towards their surroundings
     """
-    judged = judged or ErrorMetric.whole(texels)
-    tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, judged.entry
+    metric = metric or ErrorMetric.whole(texels)
+    tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, metric.entry
     correction = reading.correction
-    all_light = ReferenceLight.of(tree, solution, leaves, shown_direct, judged, few)
+    all_light = ReferenceLight.of(tree, solution, leaves, shown_direct, metric, few)
     direct2 = all_light.relate(shown_direct.variance_at, sample)
     texel_direct2 = partial(all_light.relate_all, shown_direct.variance_at)
-    rays = RayNoise(shown_direct.tell_smoothing(sample), np.ones(len(sample), bool), direct2)
+    rays = RayNoise(shown_direct.smoothing_at(sample), np.ones(len(sample), bool), direct2)
     if not reading.totals.photons.sum() or not len(sample):
-        return _state_rays_alone(all_light, judged, rays, correction, texel_direct2)
+        return _state_rays_alone(all_light, metric, rays, correction, texel_direct2)
     # The pages show blended leaves, which have less variance than leaves; the error is sampled at enough texels for a stable mean.
     blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
     alone, shown = blend.compare_at(sample)
@@ -102,9 +102,9 @@ def state_error(
     noise = PhotonNoise.of(solution, asked, alone.variance, correction, leaves, reading.risk)
     bias = bias_estimate.find_bias(tree, solution, reading.comparison, leaves, sample, asked, correction)
     if few:
-        told, row = few.find(asked.leaf)
-        noise.replace((asked.weight[told].T * few.variance[:, row]).mean(0), told)
-        bias = bias.without(told)
+        is_few, row = few.find(asked.leaf)
+        noise.replace((asked.weight[is_few].T * few.variance[:, row]).mean(0), is_few)
+        bias = bias.without(is_few)
     if smooth_grain and uses("leaf_filter"):
         noise.keep(GRAIN_LEFT, np.flatnonzero(tree.side[asked.leaf] <= SMALL_LEAF))
     if reading.squares:
@@ -114,7 +114,7 @@ def state_error(
         dark=all_light.dark,
         weight=asked.weight,
         noise=noise,
-        unseen2=variance_estimate.find_unseen(judged, asked.weight, np.zeros(3) if photon_w is None else photon_w),
+        unseen2=variance_estimate.find_unseen(metric, asked.weight, np.zeros(3) if photon_w is None else photon_w),
         bias=bias,
         direct=rays,
         gathered=None,
@@ -123,7 +123,7 @@ def state_error(
     texel_gathered2 = None
     if gathered:
         terms = terms.with_gathered(gathered, sample)
-        texel_gathered2 = partial(all_light.relate_all, partial(_find_told_variance, gathered))
+        texel_gathered2 = partial(all_light.relate_all, partial(_find_shown_variance, gathered))
     parts = all_light.parts
     sums = [terms.sum_up(rows, unseen=parts.of_entry is not None) for rows in parts.rows]
     worst = max(sums, key=lambda one: one.chosen)
@@ -136,7 +136,7 @@ def state_error(
         texel_direct2=texel_direct2,
         parts=parts,
         of_parts=np.array([one.chosen for one in sums]),
-        of_objects=partial(judged.judge_objects, terms.judge_alone),
+        of_objects=partial(metric.find_object_errors, terms.find_error_alone),
         gathered=math.sqrt(worst.gathered2),
         texel_gathered2=texel_gathered2,
         indirect=worst.indirect,
@@ -146,13 +146,13 @@ def state_error(
 
 def _state_rays_alone(
     all_light: ReferenceLight,
-    judged: ErrorMetric,
+    metric: ErrorMetric,
     rays: RayNoise,
     correction: NDArray[np.float64],
     texel_direct2: Callable[[], NDArray[np.float32]],
 ) -> StatedError:
     """As state_error, where there are no photons: variance of direct light by rays at the sampled texels."""
-    parts, light, weight = all_light.parts, all_light.at(judged.entry), all_light.weigh(judged.entry)
+    parts, light, weight = all_light.parts, all_light.at(metric.entry), all_light.weigh(metric.entry)
     of_parts = np.array([rays.find_error(weight, choose_lit(rows, light.any(axis=1))) for rows in parts.rows])
     return StatedError(
         relative=math.nan,
@@ -163,13 +163,13 @@ def _state_rays_alone(
         texel_direct2=texel_direct2,
         parts=parts,
         of_parts=of_parts,
-        of_objects=partial(judged.judge_objects, partial(judge_rays_alone, light, all_light.dark, weight, rays)),
+        of_objects=partial(metric.find_object_errors, partial(find_ray_error_alone, light, all_light.dark, weight, rays)),
     )
 
 
-def _find_told_variance(gathered: FilteredGather, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+def _find_shown_variance(gathered: FilteredGather, rows: NDArray[np.int64]) -> NDArray[np.float32]:
     """(k, 3) float32, (W/m^2)^2: at texel entries (k,), 0 where leaves are shown."""
-    found: NDArray[np.float32] = gathered.light.variance_at(rows) * gathered.told[rows, None]
+    found: NDArray[np.float32] = gathered.light.variance_at(rows) * gathered.is_shown[rows, None]
     return found
 
 
@@ -179,12 +179,12 @@ def _mix_squares(
     """The noise at the texels `sample` (m,) after mixing with squares, changed in place; weight (m, 3) of ReferenceLight.weigh."""
     if len(texels.borders.entry):  # pages bring light over borders before mixing; here it is not brought, and would count as error
         squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
-    if not squares.tell_much():
+    if not squares.are_reliable():
         return
     shown = dataclasses.replace(blend, halves=False).at(squares.entry).irradiance
-    told = SubtexelMix.of(np.maximum(shown, 0.0), squares, texels)
+    mix = SubtexelMix.of(np.maximum(shown, 0.0), squares, texels)
     row = np.minimum(np.searchsorted(squares.entry, sample), len(squares.entry) - 1)
-    mixed = np.flatnonzero((squares.entry[row] == sample) & (told.share[row] > 0.0))
+    mixed = np.flatnonzero((squares.entry[row] == sample) & (mix.share[row] > 0.0))
     row = row[mixed]
-    noise.keep((1.0 - told.share[row]) ** 2, mixed)
-    noise.photons2[mixed] += (weight[mixed].T * told.find_error(row)).mean(0)
+    noise.keep((1.0 - mix.share[row]) ** 2, mixed)
+    noise.photons2[mixed] += (weight[mixed].T * mix.find_error(row)).mean(0)

@@ -48,24 +48,24 @@ class RayNoise:
     """Noise of light by rays at the texels of a sample (m,).
 
     smoothing   effect of the filter there
-    told        (m,) bool: where light by rays is shown
+    is_shown        (m,) bool: where light by rays is shown
     noise2      (m,): its variance, relative
     """
 
     smoothing: SmoothedAt
-    told: NDArray[np.bool_]
+    is_shown: NDArray[np.bool_]
     noise2: NDArray[np.floating[Any]]
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> RayNoise:
         """The noise at the texels `rows` (k,), its squares scaled by `factor` (k,)."""
-        return RayNoise(self.smoothing.take(rows), self.told[rows], self.noise2[rows] * factor)
+        return RayNoise(self.smoothing.take(rows), self.is_shown[rows], self.noise2[rows] * factor)
 
     def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
         """Mean over texels `best` of the sample: variance without the part that the filter found absent, and squared blur.
 
         weight   (m, 3) of ReferenceLight.weigh
         """
-        asked, noise2 = best[self.told[best]], self.noise2[best]
+        asked, noise2 = best[self.is_shown[best]], self.noise2[best]
         noise2[self.smoothing.is_smoothed[best]] *= self.smoothing.take(asked).find_noise_share(weight[asked])
         return _mean(noise2) + self._sum_up_blur(weight, best)
 
@@ -81,7 +81,7 @@ class RayNoise:
         return math.sqrt(_mean(self.noise2[best]) + self._sum_up_blur(weight, best))
 
     def _sum_up_blur(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
-        blur2 = np.where(self.told[best], (weight[best] * self.smoothing.blur2[best]).mean(1), 0.0)
+        blur2 = np.where(self.is_shown[best], (weight[best] * self.smoothing.blur2[best]).mean(1), 0.0)
         return max(_mean(blur2), 0.0)
 
 
@@ -112,11 +112,11 @@ class Terms:
 
         sample   (m,) int64: the texel entries
         """
-        shown, told = gathered.light, gathered.told[sample]
-        noise2 = np.where(told, (self.weight * shown.variance_at(sample)).mean(1), np.float64(0.0))
-        self.noise.replace((self.weight.mean(1) * gathered.doubt2[sample])[told] + gathered.carried2, told)
-        by_rays = RayNoise(shown.tell_smoothing(sample), told, noise2)
-        return replace(self, unseen2=np.where(told, 0.0, self.unseen2), bias=self.bias.without(told), gathered=by_rays)
+        shown, is_shown = gathered.light, gathered.is_shown[sample]
+        noise2 = np.where(is_shown, (self.weight * shown.variance_at(sample)).mean(1), np.float64(0.0))
+        self.noise.replace((self.weight.mean(1) * gathered.doubt2[sample])[is_shown], is_shown)
+        by_rays = RayNoise(shown.smoothing_at(sample), is_shown, noise2)
+        return replace(self, unseen2=np.where(is_shown, 0.0, self.unseen2), bias=self.bias.without(is_shown), gathered=by_rays)
 
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
         """Means over those of the texels `rows` (k,) that are lit, without the worst.
@@ -139,7 +139,7 @@ class Terms:
             indirect=_mean(self.indirect[rows]),
         )
 
-    def judge_alone(self, rows: NDArray[np.int64]) -> float:
+    def find_error_alone(self, rows: NDArray[np.int64]) -> float:
         """Relative error of the texels `rows` (k,) against their own brightness only; approximate, for channels keep their weights."""
         light = self.light[rows]
         own, factor = _weigh_alone(light, self.dark, self.weight[rows])
@@ -159,10 +159,10 @@ def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.flo
     return own, np.divide(own.mean(1), weight.mean(1), out=np.zeros(len(light)), where=weight.any(1))
 
 
-def judge_rays_alone(
+def find_ray_error_alone(
     light: NDArray[np.float32], dark: float, weight: NDArray[np.float32], rays: RayNoise, rows: NDArray[np.int64]
 ) -> float:
-    """As Terms.judge_alone, where there are no photons; arguments as the fields of Terms, rays of direct light."""
+    """As Terms.find_error_alone, where there are no photons; arguments as the fields of Terms, rays of direct light."""
     own, factor = _weigh_alone(light[rows], dark, weight[rows])
     return rays.take(rows, factor).find_error(own, choose_lit(np.arange(len(rows)), light[rows].any(axis=1)))
 

@@ -85,15 +85,15 @@ class FilteredField:
 
     @classmethod
     def _find_left(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32], found: Smoothed) -> FilteredField:
-        told = np.flatnonzero(found.own_share < 1.0)
-        told = told[np.argsort(found.entry[told], kind="stable")]
-        entry, smooth = found.entry.take(told), found.light[0].take(told, axis=0)
-        left, blur2 = np.empty((2, len(told), 3), np.float32)
-        for start in range(0, len(told), _CHUNK):
+        changed = np.flatnonzero(found.own_share < 1.0)
+        changed = changed[np.argsort(found.entry[changed], kind="stable")]
+        entry, smooth = found.entry.take(changed), found.light[0].take(changed, axis=0)
+        left, blur2 = np.empty((2, len(changed), 3), np.float32)
+        for start in range(0, len(changed), _CHUNK):
             part = slice(start, start + _CHUNK)
             # One long row in place of rows of three, for numpy is several times faster with it.
             noise, light = (values.take(entry[part], axis=0).ravel() for values in (variance, irradiance))
-            noise_left, own_share = found.variance.take(told[part], axis=0).ravel(), np.repeat(found.own_share.take(told[part]), 3)
+            noise_left, own_share = found.variance.take(changed[part], axis=0).ravel(), np.repeat(found.own_share.take(changed[part]), 3)
             nearby = noise_left / own_share  # of the neighbours it was averaged with
             kept = np.minimum(own_share * noise + _KEPT_BY_CHOICE * np.minimum(noise, nearby), noise)
             # Noise alone makes E change^2 = noise - 2 kept + noise_left.
@@ -131,10 +131,10 @@ class FilteredField:
         """(k, 3) float32, (W/m^2)^2: blur2 at filtered entries, 0 elsewhere."""
         return self._take(np.zeros((len(rows), 3), np.float32), self.blur2, rows)
 
-    def tell_smoothing(self, rows: IntArray) -> SmoothedAt:
+    def smoothing_at(self, rows: IntArray) -> SmoothedAt:
         """The filter's effect at some entries (k,)."""
-        told = self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
-        return SmoothedAt(self.irradiance_at(rows) - self.found[rows], self.blur2_at(rows), told)
+        is_smoothed = self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
+        return SmoothedAt(self.irradiance_at(rows) - self.found[rows], self.blur2_at(rows), is_smoothed)
 
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
         """Values `plain` (k, c) of entries `rows`, replaced in place by those of `changed` (m, c) where light was filtered."""
@@ -186,11 +186,9 @@ class FilteredGather:
 
     light      its irradiance and the variance by the choice of rays
     doubt2     (n,) float32, (W/m^2)^2: squared error from the photons whose light was gathered
-    told       (n,) bool: where it is all of the indirect light
-    carried2   relative, squared: error from the bias of the leaves whose light was gathered
+    is_shown   (n,) bool: where it is all of the indirect light
     """
 
     light: FilteredField
     doubt2: NDArray[np.float32]
-    told: NDArray[np.bool_]
-    carried2: float = 0.0
+    is_shown: NDArray[np.bool_]

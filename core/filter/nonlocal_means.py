@@ -38,8 +38,8 @@ _BRIGHTEST = np.float32(1e12)  # over the mean: its square is still finite
 _Image = NDArray[np.float32]
 
 
-def smooth_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell: bool) -> tuple[_Image, _Image, _Image]:
-    """Light smoothed, the variance that is left (3, h, w) if `tell`, and the share of each texel in its own; all without the halo.
+def smooth_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], with_variance: bool) -> tuple[_Image, _Image, _Image]:
+    """Light smoothed, the variance that is left (3, h, w) if `with_variance`, and the share of each texel in its own; all without the halo.
 
     light   (k, 3, h, w), never negative, relative to its mean: its sum over k decides who is alike
     noise   (3, h, w) variance of that sum, 0 where there is no chart
@@ -62,7 +62,7 @@ def smooth_alike(light: _Image, noise: _Image, chart: NDArray[np.int32], tell: b
         step = dy * width + dx
         there, back = slice(first + step, last + step), slice(first - step, last - step)
         planes.add(alike[step:], alike[: last - first], light[..., there], light[..., back], dx)
-        if tell:
+        if with_variance:
             alike *= alike
             noise_left += alike[step:] * noise[:, there]
             noise_left += alike[: last - first] * noise[:, back]

@@ -38,12 +38,12 @@ class RadiositySolution:
 
     @classmethod
     def of(
-        cls, tree: Quadtree, counted: Tally, rule: refine.Rule, judged: ErrorMetric, shrink: bool, squares: SubtexelLight
+        cls, tree: Quadtree, counted: Tally, rule: refine.Rule, metric: ErrorMetric, shrink: bool, squares: SubtexelLight
     ) -> RadiositySolution:
         """The solution from the tally of a tree's nodes.
 
         rule     selects the nodes to compare
-        judged   texels whose error will be estimated
+        metric   texels whose error will be estimated
         shrink   whether leaves' coefficients are shrunk towards those of the nodes above
         """
         totals = tally.accumulate(tree, counted)
@@ -52,8 +52,8 @@ class RadiositySolution:
         comparison = refine.Comparison.of(tree, totals, solution, rule)
         leaves = refine.choose_leaves(tree, comparison)
         shown, risk = coefficient_shrinkage.shrink_leaves(tree, totals, leaves) if shrink else (tree, None)
-        told = np.concatenate([compared, list_told(tree, leaves, judged)])
-        return cls(tree, totals, tally.solve_tallies(shown, totals, told), comparison, leaves, risk, squares)
+        needed = np.concatenate([compared, list_needed(tree, leaves, metric)])
+        return cls(tree, totals, tally.solve_tallies(shown, totals, needed), comparison, leaves, risk, squares)
 
     @cached_property
     def correction(self) -> NDArray[np.float64]:
@@ -61,6 +61,6 @@ class RadiositySolution:
         return variance_estimate.noise_correction(self.tree, self.solution, self.leaves)
 
 
-def list_told(tree: Quadtree, nodes: IntArray, judged: ErrorMetric) -> NDArray[np.int64]:
+def list_needed(tree: Quadtree, nodes: IntArray, metric: ErrorMetric) -> NDArray[np.int64]:
     """(m,) int64: the nodes whose functions error_estimate.state_error evaluates: the leaves `nodes` and their comparison nodes."""
-    return np.concatenate([nodes, bias_estimate.find_judges(tree, nodes, judged.entry)])
+    return np.concatenate([nodes, bias_estimate.find_comparison_nodes(tree, nodes, metric.entry)])

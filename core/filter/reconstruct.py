@@ -152,11 +152,11 @@ class Blend:
         runs = [(part[0], part[-1] + 1) for part in np.split(np.arange(len(row)), ends) if len(part)]
         for values, of_nodes in ((out.irradiance[-len(nodes.irradiance) :], nodes.irradiance), (out.variance, nodes.variance)):
             for term in np.ndindex(values.shape[:-1]):
-                told = _at_texels(of_nodes[term]).ravel()
+                light = _at_texels(of_nodes[term]).ravel()
                 for begin, end in runs:
                     before = max(-row[begin], 0)  # texels of the first tile before the range
                     place = values[term][row[begin] + before : row[begin] + (end - begin) * TILE_TEXELS]
-                    place[:] = told[begin * TILE_TEXELS + before :][: len(place)]
+                    place[:] = light[begin * TILE_TEXELS + before :][: len(place)]
         for begin, end in runs:
             alone[max(row[begin], 0) : row[begin] + (end - begin) * TILE_TEXELS] = False
 

@@ -45,7 +45,7 @@ class ReferenceLight:
         solution: Solution,
         nodes: IntArray,
         direct: FilteredField,
-        judged: ErrorMetric,
+        metric: ErrorMetric,
         few: SpatialShrinkage | None = None,
     ) -> ReferenceLight:
         """The light on the `nodes` (m,), which tile the charts, plus direct light by rays.
@@ -58,10 +58,10 @@ class ReferenceLight:
             node_light[node] = few.mean[:, row].T
         by_photons = (np.maximum(node_light[nodes], 0.0).sum(axis=1, dtype=np.float64) * (tree.end - tree.start)[nodes]).sum()
         mean = (float(by_photons) + direct.total_light) / max(direct.found.size, 1)
-        found = cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, 0.0, Parts.whole(len(judged.entry), 0.0))
-        light = found.at(judged.entry)
-        dark = DARK_FLOOR * mean / judged.find_share(light.any(axis=1))
-        parts = Parts.whole(len(light), dark) if judged.entry_group is None else judged.part(light, dark)
+        found = cls(node_of_texel(tree, nodes, len(direct)), node_light, direct, 0.0, Parts.whole(len(metric.entry), 0.0))
+        light = found.at(metric.entry)
+        dark = DARK_FLOOR * mean / metric.find_share(light.any(axis=1))
+        parts = Parts.whole(len(light), dark) if metric.entry_group is None else metric.part(light, dark)
         return replace(found, dark=dark, parts=parts)
 
     def at(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:

@@ -51,7 +51,7 @@ class SubtexelLight:
         """Some of the squares (k,), ascending."""
         return SubtexelLight(self.entry[rows], self.irradiance[..., rows], self.variance[:, rows], self.grain[:, rows])
 
-    def tell_much(self) -> bool:
+    def are_reliable(self) -> bool:
         """Whether enough photons fell on the squares to change the shown light."""
         light, grain = self.irradiance.sum(axis=0), self.grain
         return bool(len(self.entry)) and float(light.sum()) > _MUCH * float(grain.sum())
@@ -148,10 +148,10 @@ class SubtexelMix:
         level = traced.sum(axis=(0, 1))
         # Relative weights keep one bright neighbour from dominating.
         scale = 1.0 / (level**2 + (DARK_FLOOR * level.mean() + _LEAST_LIGHT) ** 2)
-        told2 = (seen2 - noise2) * scale
-        total = float(told2.sum())
-        sure = beyond_noise(total, float((told2**2).sum())) / max(total, _TINY)
-        (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, told2, told2**2]), squares.entry, texels)
+        excess2 = (seen2 - noise2) * scale
+        total = float(excess2.sum())
+        sure = beyond_noise(total, float((excess2**2).sum())) / max(total, _TINY)
+        (noise2, signal2, signal4), count = _average_around(np.stack([noise2 * scale, excess2, excess2**2]), squares.entry, texels)
         signal2 -= _DOUBT * np.sqrt(np.maximum(signal4 - signal2**2, 0.0) / np.maximum(count - 1.0, 1.0))
         signal2 = np.maximum(signal2, 0.0)
         share: Float64 = np.divide(signal2, signal2 + noise2, out=np.zeros_like(signal2), where=signal2 > 0.0)
@@ -174,10 +174,10 @@ def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: Subt
     changed = np.zeros(light.shape[-1], bool)
     if not len(entry):
         return changed
-    told = SubtexelMix.of(light[..., entry], squares, texels)
-    light[..., entry] += (told.share * told.gap).astype(np.float32)
-    variance[:, entry] = (1.0 - told.share) ** 2 * variance[:, entry] + told.share**2 * told.noise
-    changed[entry] = told.share > 0.0
+    mixing = SubtexelMix.of(light[..., entry], squares, texels)
+    light[..., entry] += (mixing.share * mixing.gap).astype(np.float32)
+    variance[:, entry] = (1.0 - mixing.share) ** 2 * variance[:, entry] + mixing.share**2 * mixing.noise
+    changed[entry] = mixing.share > 0.0
     return changed
 
 

@@ -39,13 +39,13 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
     weight /= np.maximum(weight.max(axis=1, keepdims=True, initial=0.0), _TINY)
     total, squares = weight.sum(axis=1), (weight**2).sum(axis=1)
     effective = np.divide(total**2, squares, out=np.zeros(len(total)), where=squares > 0.0)
-    told = np.divide((ratio * weight).sum(axis=1), total, out=np.ones(len(total)), where=total > 0.0)
-    prior = _PRIOR_VALUES / len(told)
-    out: NDArray[np.float64] = (told * effective + prior) / (effective + prior)
+    measured = np.divide((ratio * weight).sum(axis=1), total, out=np.ones(len(total)), where=total > 0.0)
+    prior = _PRIOR_VALUES / len(measured)
+    out: NDArray[np.float64] = (measured * effective + prior) / (effective + prior)
     return out
 
 
-def find_unseen(judged: ErrorMetric, weight: NDArray[np.float32], photon_w: NDArray[np.float64]) -> NDArray[np.float64]:
+def find_unseen(metric: ErrorMetric, weight: NDArray[np.float32], photon_w: NDArray[np.float64]) -> NDArray[np.float64]:
     """(m,) float64, relative and squared: light that could have reached an object but was found at none of its sampled texels.
 
     Without photons the sample variance is zero. The bound is one photon for each object: negligible beside the noise of many photons, and
@@ -55,8 +55,8 @@ def find_unseen(judged: ErrorMetric, weight: NDArray[np.float32], photon_w: NDAr
     photon_w   (3,), W: power of one photon
     """
     unseen2 = np.zeros(len(weight))
-    for rows in judged.objects.values() if judged.entry_group is None else judged.groups:
-        of_one = photon_w / max(float(judged.area_m2[rows].sum()), _TINY)
+    for rows in metric.objects.values() if metric.entry_group is None else metric.groups:
+        of_one = photon_w / max(float(metric.area_m2[rows].sum()), _TINY)
         unseen2[rows] = (weight[rows] * of_one**2).mean(1)
     return unseen2
 
@@ -104,9 +104,9 @@ class PhotonNoise:
         self.photons2[rows] *= share2
         self.shrunk2[rows] *= share2
 
-    def replace(self, photons2: NDArray[np.floating[Any]], told: NDArray[np.bool_]) -> None:
-        """Set the noise at the texels `told` (m,), where other light is shown."""
-        self.photons2[told], self.shrunk2[told] = photons2, 0.0
+    def replace(self, photons2: NDArray[np.floating[Any]], rows: NDArray[np.bool_]) -> None:
+        """Set the noise at the texels `rows` (m,), where other light is shown."""
+        self.photons2[rows], self.shrunk2[rows] = photons2, 0.0
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> PhotonNoise:
         """The noise at the texels `rows` (k,), its squares scaled by `factor` (k,)."""

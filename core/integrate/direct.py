@@ -240,7 +240,7 @@ class _LookingChunk:
         if self._scene.crowd is None:
             return None
         chunk = self._chunk
-        pairs, rest = self._scene.crowd.tell_apart(chunk, chunk.receivers_at(np.arange(len(chunk)), GAUSS_POINTS))
+        pairs, rest = self._scene.crowd.separate(chunk, chunk.receivers_at(np.arange(len(chunk)), GAUSS_POINTS))
         self.counters["sampled"] += rest.n_pair
         for source, rows, lamp in pairs:
             tally = Tally(source, rows, lamp, random_shift(self._rng, len(rows)), alone=self._demand.are_alone(rows))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import nullcontext
@@ -17,9 +16,7 @@ from numpy.typing import NDArray
 from ..filter.denoise import Spread
 from ..filter.filtered_field import GRAIN, FilteredField, find_grain
 from ..parallel import shared_arrays
-from ..texels.error_metric import DARK_FLOOR
 from ..texels.texel_map import TexelMap
-from ..util.ablation import uses
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import as_slice
 from ..util.messages import Message, Status
@@ -30,33 +27,7 @@ from .direct import DirectLight
 from .direct_shards import NOTHING_AHEAD, ShotAhead
 from .reference_level import ReferenceLevel
 
-_BLOCK = 64  # texels in a row, neighbours, with one variance correction
-# Prior weights, in repeated estimates: of a ratio of 1 in the correction of all texels, and of that correction in a block's.
-_PRIOR_VALUES, _PRIOR_OF_BLOCK = 64.0, 16.0
-
-
-@dataclass(frozen=True)
-class Repeats:
-    """Differences between repeated estimates of texels.
-
-    sums   (3, n_block) float64: number of repeats; squared differences between the new estimate and the mean of those before, relative to
-           brightness; and their expectation from the stated variances
-    """
-
-    sums: NDArray[np.float64]
-
-    def add(self, block: IntArray, seen: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
-        """Add one more estimate of some texels: all (m,)."""
-        for row, values in zip(self.sums, (np.ones(len(block)), seen, expected), strict=True):
-            row += np.bincount(block, values, len(row))
-
-    def correct(self) -> NDArray[np.float32]:
-        """(n_block,) float32: factors for the variances: seen over expected, shrunk towards the mean of all blocks."""
-        count, seen, expected = self.sums
-        total = self.sums.sum(axis=1)
-        common = (_divide(total[1:2], total[2:]) * total[0] + _PRIOR_VALUES) / (total[0] + _PRIOR_VALUES)
-        factor: NDArray[np.float64] = (_divide(seen, expected) * count + _PRIOR_OF_BLOCK * common) / (count + _PRIOR_OF_BLOCK)
-        return factor.astype(np.float32)
+_BLOCK = 64  # texels in a row, neighbours, that share their error below openings
 
 
 def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
@@ -64,10 +35,6 @@ def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64
     block = rows // _BLOCK
     out: NDArray[np.float64] = (np.bincount(block, values) / np.maximum(np.bincount(block), 1))[block]
     return out
-
-
-def _divide(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.divide(seen, expected, out=np.ones_like(seen), where=expected > 0.0)
 
 
 @dataclass
@@ -79,7 +46,6 @@ class DirectField:
     passes       (n,) int16: number of estimates in each texel's mean
     counters     of direct.direct_irradiance, summed; empty when photons carry it
     turns        shots so far, each with random numbers of its own
-    repeats      of texels sampled again, or None
     by_quads     (n,) bool: estimated for a quad at once, whose texels have the same error
     by_openings  (n,) bool: sampled the sky through openings, in any of the estimates
     """
@@ -92,7 +58,6 @@ class DirectField:
     passes: NDArray[np.int16]
     counters: dict[str, int] = field(default_factory=dict)
     turns: int = 0
-    repeats: Repeats | None = None
     by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     by_openings: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
@@ -129,7 +94,7 @@ class DirectField:
     def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> FilteredField:
         """The light as it is shown, filtered or not."""
         if not smooth:
-            return FilteredField.plain(self.irradiance, self.find_variance())
+            return FilteredField.plain(self.irradiance, self.variance)
         if self._smoothed is None:
             finish = self._smoothing or self._begin_smoothing(texels, spread)
             self._smoothed, self._smoothing = finish(), None
@@ -142,7 +107,7 @@ class DirectField:
 
     def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], FilteredField]:
         by_quads = self.by_quads if self.by_quads.any() else None
-        return FilteredField.begin_smoothing(self.irradiance, self.find_variance(), texels, spread, by_quads, self._grain)
+        return FilteredField.begin_smoothing(self.irradiance, self.variance, texels, spread, by_quads, self._grain)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """ShownDirect.irradiance of `show`, for its last use: other results of the filter are dropped.
@@ -154,17 +119,6 @@ class DirectField:
             return shown.irradiance
         self.irradiance[shown.entry] = shown.smooth
         return self.irradiance
-
-    def find_variance(self) -> NDArray[np.float32]:
-        """(n, 3) float32, (W/m^2)^2: where texels were sampled again, corrected by how their estimates differ.
-
-        The gain of stratification depends on where shadow edges lie, which a single estimate does not show.
-        """
-        if self.repeats is None or not uses("variance_correction"):
-            return self.variance
-        correction = self.repeats.correct()[np.arange(len(self.passes)) // _BLOCK]
-        corrected: NDArray[np.float32] = self.variance * np.where(self.passes > 1, correction, np.float32(1.0))[:, None]
-        return corrected
 
     def shoot(
         self,
@@ -206,13 +160,11 @@ class DirectField:
     def _keep(self, rows: IntArray | slice) -> DirectField:
         """A copy of some texels' estimates, and of the totals."""
         own = self.irradiance[rows].copy(), self.variance[rows].copy(), self.passes[rows].copy()
-        return DirectField(
-            *own, dict(self.counters), self.turns, copy.deepcopy(self.repeats), self.by_quads[rows].copy(), self.by_openings[rows].copy()
-        )
+        return DirectField(*own, dict(self.counters), self.turns, self.by_quads[rows].copy(), self.by_openings[rows].copy())
 
     def _put_back(self, rows: IntArray | slice, kept: DirectField) -> None:
         self.irradiance[rows], self.variance[rows], self.passes[rows] = kept.irradiance, kept.variance, kept.passes
-        self.counters, self.turns, self.repeats, self.by_quads[rows] = kept.counters, kept.turns, kept.repeats, kept.by_quads
+        self.counters, self.turns, self.by_quads[rows] = kept.counters, kept.turns, kept.by_quads
         self.by_openings[rows] = kept.by_openings
 
     def _send_rays(
@@ -231,11 +183,9 @@ class DirectField:
         shards = direct_shards.list_shards(whole)
         sent = executor.map(find_light, shards[ahead.count :])
         words = ProgressReporter(tell)
-        floor = DARK_FLOOR * float(self.irradiance.mean(dtype=np.float64)) + 1e-30
         for shard, light in zip(shards, chain(ahead.wait(), sent), strict=True):
             if should_stop():
                 return False
-            self._note_difference(shard.entries, light, floor)
             self._add(as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
@@ -253,20 +203,3 @@ class DirectField:
         self.passes[rows] += 1
         self.by_quads[rows] = light.by_quads
         self.by_openings[rows] |= light.by_openings
-
-    def _note_difference(self, rows: IntArray, light: DirectLight, floor: float) -> None:
-        """Compare new estimates of the texels `rows` with those before; floor: least brightness for relative differences."""
-        again = self.passes[rows] > 0
-        if not again.any():
-            return
-        rows = rows[again]
-        gap = light.irradiance_rgb[again] - self.irradiance[rows]
-        joint = self.irradiance[rows] + gap / (self.passes[rows, None] + 1)  # independent of the gap for equal variances
-        few = np.flatnonzero(self.by_openings[rows])
-        if len(few):  # with rare bright samples it is not: one makes a texel bright, and its relative gap small
-            joint[few] = np.stack([_average_in_blocks(rows[few], channel) for channel in joint[few].T], axis=1)
-        weight = 1.0 / (joint + floor) ** 2
-        seen = (weight * gap**2).sum(axis=1)
-        expected = (weight * (light.variance_rgb[again] + self.variance[rows])).sum(axis=1)
-        self.repeats = self.repeats or Repeats(np.zeros((3, -(-len(self.passes) // _BLOCK))))
-        self.repeats.add(rows // _BLOCK, seen, expected)

@@ -70,9 +70,9 @@ def light_by_quads(
         level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
         # Light through openings is mostly noise, which hides a misfit; and the filter leaves less noise of four times as many samples.
         enough = (weigh_channels(misfit) <= (tolerance * level) ** 2) & ~found.by_openings.reshape(-1, TILE_TEXELS).any(axis=1)
-        told, rows = np.repeat(enough, TILE_TEXELS), quads.texels(enough)
-        irradiance[rows] = np.maximum(spread_over_texels(value[told]), 0.0)
-        variance[rows] = np.repeat(noise[told] + np.repeat(misfit[enough], TILE_TEXELS, axis=0), QUAD_TEXELS, axis=0)
+        accepted, rows = np.repeat(enough, TILE_TEXELS), quads.texels(enough)
+        irradiance[rows] = np.maximum(spread_over_texels(value[accepted]), 0.0)
+        variance[rows] = np.repeat(noise[accepted] + np.repeat(misfit[enough], TILE_TEXELS, axis=0), QUAD_TEXELS, axis=0)
         out.by_quads[rows], left[rows] = True, False
         out.count(found.counters, by_quads=len(rows))
     rows = np.flatnonzero(left)

@@ -58,10 +58,10 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
     """
     count = len(chunk)
     closed, lit, dark = np.full(count, np.nan), np.zeros(count, bool), np.zeros(count, bool)
-    told, values, gap = _closed_at_tiles(chunk, tiles, source)
+    accepted, values, gap = _closed_at_tiles(chunk, tiles, source)
     texels, off = tiles.texels(), np.zeros(count)
-    closed[texels[told]], off[texels[told]] = values, gap[:, None]
-    reached = np.flatnonzero(told)[values.any(axis=1)]
+    closed[texels[accepted]], off[texels[accepted]] = values, gap[:, None]
+    reached = np.flatnonzero(accepted)[values.any(axis=1)]
     full, none = np.zeros((2, len(tiles)), bool)
     traced = 0
     looks = [(np.zeros(0, np.int64), np.zeros((0, 2), np.float32), np.zeros(0, bool))]
@@ -72,7 +72,7 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
         looks.append((rows, to, seen))
         traced += n_ray
     asked, whole = np.zeros((2, len(tiles)), bool)
-    asked[reached], whole[told] = True, values.all(axis=1)
+    asked[reached], whole[accepted] = True, values.all(axis=1)
     lit[texels[full & ~tiles.near(asked & ~full)]] = True
     leader = np.arange(count)
     unlit = none & ~tiles.near(asked & ~none)
@@ -107,9 +107,9 @@ def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[B
     found = source.irradiance(receivers.position, receivers.normal).reshape(-1, len(tiles))
     nodes, checks = found[: len(TILE_NODES)], found[len(TILE_NODES) :]
     gap = NODE_WEIGHTS[_CHECK_TEXELS] @ nodes - checks
-    told = (np.abs(gap) <= _CLOSED_ERROR * checks).all(axis=0)
-    values: Float64 = np.maximum(NODE_WEIGHTS @ nodes[:, told], 0.0).T
-    return told, values, np.sqrt(_OFF_ELSEWHERE * (gap[:, told] ** 2).mean(axis=0))
+    accepted = (np.abs(gap) <= _CLOSED_ERROR * checks).all(axis=0)
+    values: Float64 = np.maximum(NODE_WEIGHTS @ nodes[:, accepted], 0.0).T
+    return accepted, values, np.sqrt(_OFF_ELSEWHERE * (gap[:, accepted] ** 2).mean(axis=0))
 
 
 def _find_off_elsewhere() -> float:

@@ -1,7 +1,7 @@
 """Light that surfaces send to texels, gathered by rays from each texel: what a ray meets sends its albedo times the light there.
 
 Most of that light is direct, which is known; what photons tell of the rest is averaged over all that a texel sees, so that few
-photons are enough. A lightmap holds the light on the front of surfaces: rays that meet another side are told apart.
+photons are enough. A lightmap holds the light on the front of surfaces: rays that meet another side are kept apart.
 
 Source: Reichert 1992, "A two-pass radiosity method driven by lights and viewer position"; Jensen 2001, "Realistic image synthesis
 using photon mapping", 9.2 (final gathering).
@@ -57,7 +57,7 @@ class GatherScene:
     mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
                     by photons
     tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
-    tri_told        (n_tri,) bool: texels hold the light on its front
+    tri_mapped      (n_tri,) bool: texels hold the light on its front
     """
 
     rays: RayScene
@@ -68,7 +68,7 @@ class GatherScene:
     texels: TexelMap
     cells: SurfaceCells
     tri_two_sided: NDArray[np.bool_]
-    tri_told: NDArray[np.bool_]
+    tri_mapped: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -201,10 +201,10 @@ class _Gathering:
         for facing, seen in ((is_front, albedo), (~is_front, through)):
             if seen is None:
                 continue
-            told, own_share = facing & scene.tri_told[tri] & (entry >= 0), seen * share
+            mapped, own_share = facing & scene.tri_mapped[tri] & (entry >= 0), seen * share
             for sides, index, light, doubt in (
-                (np.flatnonzero(told), entry, known.light, known.doubt),
-                (np.flatnonzero(~told), scene.cells.find(tri, facing, u, v), known.on_cells, known.cell_doubt),
+                (np.flatnonzero(mapped), entry, known.light, known.doubt),
+                (np.flatnonzero(~mapped), scene.cells.find(tri, facing, u, v), known.on_cells, known.cell_doubt),
             ):
                 at, own, to = index[sides], own_share[:, sides], place[sides]
                 self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt[at], len(rows))

@@ -29,30 +29,25 @@ _BLOCK = 64
 # As direct_shards.TOLERANCE. Measured on three samples, squared error times rays: with half of it the same, with twice
 # of it 1.1 to 1.8 times.
 _TOLERANCE = 1.0
-# Share of the gathered light's own error that carries over, for bias of the leaves remains. Measured on three samples and a box at 0.5 to
-# 2 %: with it 0.77 to 1.1 of the real error are stated, without it 0.7 to 1.
-_CARRIED = 0.2
 
 
 @dataclass
 class GatheredField(DirectField):
     """As DirectField, of indirect light.
 
-    doubt         (n,) float32, W/m^2: of GatheredLight
-    known_error   relative error of the light that rays met
+    doubt   (n,) float32, W/m^2: of GatheredLight
     """
 
     said: ClassVar = Status("photons", "Indirect light")
     most_passes: ClassVar = 256  # of hardly more rays than a texel takes at once; with 64 small errors are missed
 
     doubt: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
-    known_error: float = 0.0
 
     @classmethod
-    def none(cls, n_texel: int, known_error: float = 0.0) -> GatheredField:
+    def none(cls, n_texel: int) -> GatheredField:
         irradiance, variance = np.zeros((2, n_texel, 3), np.float32)
         doubt = np.zeros(n_texel, np.float32)
-        return cls(irradiance, variance, np.zeros(n_texel, np.int16), doubt=doubt, known_error=known_error)
+        return cls(irradiance, variance, np.zeros(n_texel, np.int16), doubt=doubt)
 
     def gather(
         self,
@@ -82,5 +77,4 @@ class GatheredField(DirectField):
         size = np.diff(np.append(start, len(self.doubt)))
         mean = np.add.reduceat(self.doubt, start) / size
         doubt2 = np.repeat(mean * mean, size).astype(np.float32)
-        carried = _CARRIED * self.known_error if uses("carried_error") else 0.0
-        return FilteredGather(self.show(texels, smooth, spread), doubt2, self.passes > 0, carried**2)
+        return FilteredGather(self.show(texels, smooth, spread), doubt2, self.passes > 0)

@@ -79,14 +79,14 @@ def light_at_texels(
         is_grainy |= subtexel_tally.mix(by_photons.transpose(0, 2, 1), variance.T, field.squares, texels)
     if field.gathered:
         gathered = field.gathered.show_gathered(texels, smooth_grain, spread)
-        entry = np.flatnonzero(gathered.told)
+        entry = np.flatnonzero(gathered.is_shown)
         is_grainy[entry] = False
         by_photons[-1, entry] = np.maximum(gathered.light.irradiance_at(entry), 0.0)
-        variance[entry] = field.gathered.find_variance()[entry] + gathered.doubt2[entry, None]
+        variance[entry] = field.gathered.variance[entry] + gathered.doubt2[entry, None]
     if smooth_grain and uses("leaf_filter"):  # apart from light by rays, which is known far better and would be blurred
         found = denoise.denoise(by_photons, variance, is_grainy, texels, spread)
         by_photons[:, found.entry] = found.light
-    noise = field.direct.find_variance() if doubt else None
+    noise = field.direct.variance if doubt else None
 
     def finish(part: slice) -> None:
         if len(by_photons) == 2:

@@ -122,5 +122,5 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
         texels=tracing.texels,
         cells=tracing.cells,
         tri_two_sided=direct_scene.tri_two_sided,
-        tri_told=scene.tri_lit_below == 0,
+        tri_mapped=scene.tri_lit_below == 0,
     )

@@ -286,8 +286,8 @@ class Tally:
 
     def _find_error_squared(self, rows: slice | NDArray[np.int64], sums: Float64) -> Float64:
         """Squared standard error of some pairs; sums (5, n) of all. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
-        told = rows if self._leader is None else self._leader[rows]
-        sums = sums[:, told]
+        source = rows if self._leader is None else self._leader[rows]
+        sums = sums[:, source]
         ratio = _divide_seen(sums)
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
@@ -296,7 +296,7 @@ class Tally:
         spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend[rows] ** 2)
         spread = np.where(peak, self._peak_variance[rows], spread) * ratio**2
         # With few lit rays, or few dark ones, hardly two share a stratum, and stratification gains little.
-        rarer = 2 * self._rays[told] * np.minimum(ratio, np.maximum(1 - ratio, 0))
+        rarer = 2 * self._rays[source] * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
         return out

@@ -24,14 +24,14 @@ from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, gather_until_s
 _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
 _AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector
 _ANYWHERE = 0.3  # share of sampling by power and cosine alone, without visibility; bounds the rays' weight
-_BACKSTOP = 0.05  # share of sampling by power alone: some of a block's normals may differ from those of _JUDGES
+_BACKSTOP = 0.05  # share of sampling by power alone: some of a block's normals may differ from those of _PROBES
 _MOST_SEEN = 1 / 16  # visible share of the sky's light below which neighbours share one error estimate, see Openings
 _MOSTLY_OPEN = 0.5  # visible share of the sky's light above which the control variate is used
 # Stratification in two dimensions lowers the variance by a further n^0.375, n rays, that successive differences do not measure, as for soft
 # lights in visibility_estimator; beside a wall the stated error is then twice the real one, without it five times.
 _STRATA_GAIN = 0.375
 _AIMED_LOOKS = 3  # pilot rays per such texel: they shape the pdf and are no part of the estimate
-_JUDGES = 4  # texels of a block whose normals represent it
+_PROBES = 4  # texels of a block whose normals represent it
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64  # as in sky_openings
 _INFINITE = np.float32(1e30)
 
@@ -46,9 +46,9 @@ class EnvironmentLight:
     def __init__(self, table: EnvironmentTable, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> None:
         self._table, self.rays = table, 0
         n_block = -(-len(chunk) // BLOCK_TEXELS)
-        judge = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_JUDGES) * (BLOCK_TEXELS // _JUDGES)
-        normal = chunk.receivers_at(np.minimum(judge, len(chunk) - 1).ravel(), MIDDLE).normal
-        self._brings = table.rate_by_normals(np.asarray(normal).reshape(n_block, _JUDGES, 3))
+        probe = np.arange(n_block)[:, None] * BLOCK_TEXELS + np.arange(_PROBES) * (BLOCK_TEXELS // _PROBES)
+        normal = chunk.receivers_at(np.minimum(probe, len(chunk) - 1).ravel(), MIDDLE).normal
+        self._brings = table.rate_by_normals(np.asarray(normal).reshape(n_block, _PROBES, 3))
         n_sector = int(table.sector.max()) + 1
         self._shot, self._lit = np.zeros((2, n_block, n_sector))
         self._explore(rays, chunk, np.arange(len(chunk)), rng)

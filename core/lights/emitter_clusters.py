@@ -84,7 +84,7 @@ class EmitterClusters:
     def __len__(self) -> int:
         return len(self.runs)
 
-    def judge(self, receivers: Receivers, reach: Float32) -> Float32:
+    def estimate(self, receivers: Receivers, reach: Float32) -> Float32:
         """(n, n_run): importance > 0 of the runs, about their unoccluded irradiance; reach (n,), unit box: radius around the receivers."""
         centre, normal, square, spread, weight, sealed = (
             getattr(self, name)[: len(self)] for name in ("centre", "normal", "square", "spread", "weight", "sealed")
@@ -93,12 +93,12 @@ class EmitterClusters:
         away2 = dot_rows(place, place)[:, None] + dot_rows(centre, centre) - 2 * place @ centre.T
         height = receivers.normal @ centre.T - dot_rows(receivers.normal, place)[:, None]
         facing = place @ normal.T - dot_rows(centre, normal)
-        out: Float32 = _judge(away2, height, facing, reach[:, None], square, spread, sealed) * weight
+        out: Float32 = _estimate(away2, height, facing, reach[:, None], square, spread, sealed) * weight
         row, run = np.nonzero((away2 < self._reach_of(np.arange(len(self)), _NEAR)) & (self.count[: len(self)] > 0))
         for piece in row_pieces(np.arange(len(row)), _FEW):
             rows, runs = row[piece], run[piece]
-            judged, start, _ = self._judge_parts(receivers.rows(rows), reach[rows], runs)
-            out[rows, runs] = np.add.reduceat(judged, start)
+            estimated, start, _ = self._estimate_parts(receivers.rows(rows), reach[rows], runs)
+            out[rows, runs] = np.add.reduceat(estimated, start)
         return out
 
     def choose(self, receivers: Receivers, run: Int64, u: FloatArray) -> tuple[Int64, Float64]:
@@ -110,8 +110,8 @@ class EmitterClusters:
             away = take_rows(receivers.position, several) - take_rows(self.centre, node[several])
             near = several[dot_rows(away, away) < self._reach_of(node[several], _NEAR)]
             for rows in row_pieces(near, _FEW):
-                judged, start, parts = self._judge_parts(receivers.rows(rows), nobody[rows], node[rows])
-                picked, chosen, left[rows] = _pick(judged, start, left[rows])
+                estimated, start, parts = self._estimate_parts(receivers.rows(rows), nobody[rows], node[rows])
+                picked, chosen, left[rows] = _pick(estimated, start, left[rows])
                 node[rows] = parts[picked]
                 chance[rows] *= chosen
             several = near[self.count[node[near]] > 0]
@@ -129,7 +129,7 @@ class EmitterClusters:
         out: Float32 = np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
         return out
 
-    def _judge_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
+    def _estimate_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
         """Importances (m,) of all children of nodes (n,), in order; where those of each node begin (n,); and the child nodes (m,).
 
         A child close to the receiver takes the sum over its own children, recursively: the centre of several strips is a poor estimate
@@ -142,14 +142,14 @@ class EmitterClusters:
         looking, normal = receivers.rows(owner), take_rows(self.normal, part)
         away = take_rows(self.centre, part) - looking.position
         square, height, facing = dot_rows(away, away), dot_rows(away, looking.normal), -dot_rows(away, normal)
-        judged = _judge(square, height, facing, reach[owner], self.square[part], self.spread[part], self.sealed[part])
-        judged *= self.weight[part]
+        estimated = _estimate(square, height, facing, reach[owner], self.square[part], self.spread[part], self.sealed[part])
+        estimated *= self.weight[part]
         rows = np.flatnonzero((square < self._reach_of(part, _AMONG)) & (self.count[part] > 0))
         for piece in row_pieces(rows, _FEW):
             whose = owner[piece]
-            below, begin, _ = self._judge_parts(receivers.rows(whose), reach[whose], part[piece])
-            judged[piece] = np.add.reduceat(below, begin)
-        return judged, start, part
+            below, begin, _ = self._estimate_parts(receivers.rows(whose), reach[whose], part[piece])
+            estimated[piece] = np.add.reduceat(below, begin)
+        return estimated, start, part
 
 
 def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
@@ -159,13 +159,13 @@ def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
     return out
 
 
-def _pick(judged: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:
+def _pick(estimated: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:
     """Picks one of each group of entries (m,): its index, its probability, and u rescaled to be uniform in [0, 1] again.
 
     start   (n,): first entries of the groups
     """
-    count = np.diff(start, append=len(judged))
-    chances = judged / np.repeat(np.add.reduceat(judged, start, dtype=np.float64), count)
+    count = np.diff(start, append=len(estimated))
+    chances = estimated / np.repeat(np.add.reduceat(estimated, start, dtype=np.float64), count)
     end = np.cumsum(chances)
     before = np.append(0.0, end)[start]
     target = before + u
@@ -184,7 +184,7 @@ def _cut_all(start: Int64, end: int) -> Int64:
     return out
 
 
-def _judge(
+def _estimate(
     square: Float32,
     height: Float32,
     facing: Float32,

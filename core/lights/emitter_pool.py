@@ -24,7 +24,7 @@ from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_stra
 _STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: 4 rays may all miss the emitters
 _TOGETHER = 16  # texels of a quarter of a tile, which share a pdf
 _DIAGONAL = GAUSS_POINTS[[0, 3]]  # of a texel
-_JUDGES = (0, 5, 10, 15)  # the quarter's corners, at which the importances are evaluated and summed
+_PROBES = (0, 5, 10, 15)  # the quarter's corners, at which the importances are evaluated and summed
 _PILOTS = 4  # receivers of a block that first trace a ray to every cluster
 _REGION_BLOCKS = 16  # blocks whose pilots' mean visibility of a cluster is a prior
 _UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # bounds of the importance's factor for a pilot that did not see the cluster
@@ -154,20 +154,20 @@ class EmitterPool:
         group[quarters] = np.arange(len(quarters))[:, None]
         group[single] = len(quarters) + np.arange(len(single))
         end = np.empty((len(quarters) + len(single), n_cluster))
-        for judges, first in ((quarters[:, _JUDGES], 0), (single[:, None], len(quarters))):
-            for piece in row_pieces(np.arange(len(judges)), n_cluster * judges.shape[1]):
-                ends = chunk.receivers_at(judges[piece].ravel(), _DIAGONAL)
+        for probes, first in ((quarters[:, _PROBES], 0), (single[:, None], len(quarters))):
+            for piece in row_pieces(np.arange(len(probes)), n_cluster * probes.shape[1]):
+                ends = chunk.receivers_at(probes[piece].ravel(), _DIAGONAL)
                 count = len(ends.position) // len(_DIAGONAL)
                 middle = replace(ends.rows(np.arange(count)), position=ends.position.reshape(-1, count, 3).mean(axis=0))
-                chance = self._judge(middle, find_reach(ends.position, count)).reshape(len(piece), -1, n_cluster).sum(axis=1)
-                chance *= visibility[judges[piece, 0] // BLOCK_TEXELS]
+                chance = self._estimate(middle, find_reach(ends.position, count)).reshape(len(piece), -1, n_cluster).sum(axis=1)
+                chance *= visibility[probes[piece, 0] // BLOCK_TEXELS]
                 at = first + piece[0]
                 cumulate(chance, at, end[at : at + len(piece)])
         return end, group, n_ray
 
-    def _judge(self, receivers: Receivers, reach: Float32) -> Float32:
-        """As EmitterClusters.judge, but near large triangles by their closed form, as the centroid is a poor estimate there."""
-        judged = self.clusters.judge(receivers, reach)
+    def _estimate(self, receivers: Receivers, reach: Float32) -> Float32:
+        """As EmitterClusters.estimate, but near large triangles by their closed form, as the centroid is a poor estimate there."""
+        estimated = self.clusters.estimate(receivers, reach)
         run, place = self._alone, receivers.position
         cell = self.clusters.first[run]
         middle, area = take_rows(self.middle, cell), self.area[cell]
@@ -178,8 +178,8 @@ class EmitterPool:
             looking, normal = receivers.rows(rows), take_rows(self.scene.normal, self.cells.tri[cells])
             given = np.abs(polygon_irradiance(self.corners[cells], looking.position, looking.normal))
             given[self.sealed[cells] & (dot_rows(looking.position - take_rows(self.middle, cells), normal) < 0)] = 0
-            judged[rows, runs] = np.maximum(judged[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
-        return judged
+            estimated[rows, runs] = np.maximum(estimated[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
+        return estimated
 
     def _look_around(self, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): visibility of each cluster from the pilots of the block and of its region; and rays traced."""
@@ -237,9 +237,9 @@ class EmitterPool:
         # Corners shared with the receiver's own face lie on the horizon up to rounding.
         whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
         share = np.where(whole, 1.0, _share_above(height))
-        told = whole | (share > 0)
-        near, looking = near[told], looking.rows(np.flatnonzero(told))
-        weight[near] = np.abs(polygon_irradiance(corners[told], looking.position, looking.normal)) / share[told]
+        chosen = whole | (share > 0)
+        near, looking = near[chosen], looking.rows(np.flatnonzero(chosen))
+        weight[near] = np.abs(polygon_irradiance(corners[chosen], looking.position, looking.normal)) / share[chosen]
 
 
 def _share_above(height: FloatArray) -> Float64:

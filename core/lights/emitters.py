@@ -188,7 +188,7 @@ def usable_environment(snapshot: SceneSnapshot) -> Environment | None:
 
 
 def _mark_crowded(emitters: Sequence[Emitter], corner_unit: Float32) -> list[Emitter]:
-    """The same, told whether a surface cuts into their radius, by the triangles' bounding boxes (corner_unit (n_tri, 3, 3), unit box).
+    """The same, and whether a surface cuts into their radius, by the triangles' bounding boxes (corner_unit (n_tri, 3, 3), unit box).
 
     Of very many lamps each is taken to be crowded, which costs a short ray for each of their photons.
     """

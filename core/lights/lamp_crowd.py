@@ -80,7 +80,7 @@ class LampCrowd:
         low_cosine = np.where(alone, low[first], _ANYWHERE).astype(np.float32)
         return cls(tuple(source for source, _ in joined), kind[order], number[order], clusters, low_cosine, flat[first] & alone)
 
-    def tell_apart(self, chunk: TexelChunk, starts: Receivers) -> tuple[list[tuple[Source, Int64, Int64]], RestOfCrowd]:
+    def separate(self, chunk: TexelChunk, starts: Receivers) -> tuple[list[tuple[Source, Int64, Int64]], RestOfCrowd]:
         """Sources with the pairs (texel, row of the source) to sample one by one, and the rest of the lamps.
 
         starts   origins of rays from the chunk's texels, equally many of each
@@ -89,17 +89,17 @@ class LampCrowd:
         end = np.empty((-(-count // _TOGETHER), n_cluster))
         alone = np.diff(self.clusters.start) == 1
         groups, chosen = [], []
-        for judges in _find_judges(chunk, find_reach(starts.position, count)):
-            for piece in row_pieces(np.arange(len(judges.group)), n_cluster * judges.each):
-                rows = (piece[:, None] * judges.each + np.arange(judges.each)).ravel()
-                share = self.judge(judges.receivers.rows(rows), judges.reach[rows])
+        for probes in _find_probes(chunk, find_reach(starts.position, count)):
+            for piece in row_pieces(np.arange(len(probes.group)), n_cluster * probes.each):
+                rows = (piece[:, None] * probes.each + np.arange(probes.each)).ravel()
+                share = self.estimate(probes.receivers.rows(rows), probes.reach[rows])
                 share /= share.sum(axis=1, keepdims=True)
-                share = share.reshape(len(piece), judges.each, n_cluster)
+                share = share.reshape(len(piece), probes.each, n_cluster)
                 row, cluster = np.nonzero((share.max(axis=1) > np.float32(_MATTERS)) & alone)
                 together = share.sum(axis=1)
                 together[row, cluster] = 0
-                _cumulate_rows(together, judges.group[piece], end)
-                groups.append(judges.group[piece[row]])
+                _cumulate_rows(together, probes.group[piece], end)
+                groups.append(probes.group[piece[row]])
                 chosen.append(cluster)
         lamp = np.repeat(self.clusters.start[np.concatenate(chosen)], _TOGETHER)
         texel = (np.concatenate(groups)[:, None] * _TOGETHER + np.arange(_TOGETHER)).ravel()
@@ -113,7 +113,7 @@ class LampCrowd:
                 pairs.append((source, texel[own], self.number[lamp[own]]))
         return pairs, RestOfCrowd(self, end, count * len(self.kind) - len(texel))
 
-    def judge(self, receivers: Receivers, reach: Float32) -> Float32:
+    def estimate(self, receivers: Receivers, reach: Float32) -> Float32:
         """(n, n_cluster): importance > 0 of the clusters, about their unoccluded irradiance; reach (n,), unit box: receiver radius."""
         centre, normal, axis = self.clusters.centre, receivers.normal, self.clusters.normal
         square = dot_rows(receivers.position, receivers.position)[:, None] + dot_rows(centre, centre) - 2 * receivers.position @ centre.T
@@ -204,7 +204,7 @@ class RestOfCrowd:
 
 
 @dataclass(frozen=True)
-class _Judges:
+class _Probes:
     """Places at which importances are evaluated.
 
     group   (n_group,) int64                          groups of texels
@@ -218,7 +218,7 @@ class _Judges:
     reach: Float32
 
 
-def _find_judges(chunk: TexelChunk, reach: Float32) -> tuple[_Judges, _Judges]:
+def _find_probes(chunk: TexelChunk, reach: Float32) -> tuple[_Probes, _Probes]:
     """One place for each flat group, and one per texel for the others.
 
     reach   (n,) float32, unit box: half a texel's diagonal
@@ -235,9 +235,9 @@ def _find_judges(chunk: TexelChunk, reach: Float32) -> tuple[_Judges, _Judges]:
     is_flat = (length > _ALIKE) & (away < _BESIDE * widest)
     flat, uneven = np.flatnonzero(is_flat), np.flatnonzero(~is_flat)
     facing = (facing[flat] / length[flat, None]).astype(np.float32)
-    alike = _Judges(flat, 1, Receivers(middle[flat].astype(np.float32), facing, facing), (away + widest)[flat])
+    alike = _Probes(flat, 1, Receivers(middle[flat].astype(np.float32), facing, facing), (away + widest)[flat])
     rows = (uneven[:, None] * _TOGETHER + np.arange(_TOGETHER)).ravel()
-    return alike, _Judges(uneven, _TOGETHER, every.rows(rows), reach[texel[rows]])
+    return alike, _Probes(uneven, _TOGETHER, every.rows(rows), reach[texel[rows]])
 
 
 def _cumulate_rows(chances: FloatArray, rows: Int64, end: Float64) -> None:

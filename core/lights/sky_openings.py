@@ -87,9 +87,9 @@ class Openings:
         place = np.full(len(chunk), -1)
         place[rows] = np.arange(len(rows))
         known = _Known.none(len(rows))
-        told = place[looks.texel] >= 0
-        known.add(place[looks.texel[told]], _cell_at(looks.to[told]), looks.seen[told])
-        place[looks.texel[told]] = -1
+        held = place[looks.texel] >= 0
+        known.add(place[looks.texel[held]], _cell_at(looks.to[held]), looks.seen[held])
+        place[looks.texel[held]] = -1
         sky = math.pi * float(weigh_channels(source.rgb)[0])
         level = _means(beside[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0])
         limit = demand.tolerance * np.maximum(level, demand.dark) / sky
@@ -100,7 +100,7 @@ class Openings:
             seen, _ = _look(rays, chunk, source, piece, to, (0, 1))
             known.add(place[piece], _cell_at(to), seen.share)
             n_ray += seen.rays
-        known = known.tell_share()
+        known = known.find_share()
         few = known.see_little(limit)
         rows, known = rows[np.repeat(few, BLOCK_TEXELS)[: len(rows)]], known.of(few)
         for _ in range(_LOOKS):
@@ -183,7 +183,7 @@ class _Known:
         """A copy whose counts may change."""
         return _Known(self.shot.copy(), self.lit.copy(), self.share)
 
-    def tell_share(self) -> _Known:
+    def find_share(self) -> _Known:
         """The same with `share` computed."""
         return _Known(self.shot, self.lit, float(self.lit.sum() / max(self.shot.sum(), 1.0)))
 

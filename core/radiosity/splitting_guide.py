@@ -183,7 +183,7 @@ def weigh_deposits(
     leaves     (m,) int: nodes that tile the charts
     light      (3, n') float, W/m^2: total irradiance of the leaves and their ancestors, among the first n' nodes
     deposits   number so far; it limits the worth of nodes so small that less than one deposit is expected
-    weighed    error groups and their weights (p,), see judged.Parts; None means the whole
+    weighed    error groups and their weights (p,), see error_metric.Parts; None means the whole
     """
     area = tree.area
     cut = np.array(leaves)

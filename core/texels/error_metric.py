@@ -103,9 +103,9 @@ class ErrorMetric:
         share = float(np.average(chosen, weights=self.area_m2 if self.entry_group is not None else None)) if chosen.any() else 0.0
         return share or 1.0
 
-    def judge_objects(self, judge_alone: Callable[[NDArray[np.int64]], float]) -> dict[int, float]:
-        """object index -> judge_alone(rows (k,) int64) for each object with enough rows."""
-        return {thing: judge_alone(rows) for thing, rows in self.objects.items()}
+    def find_object_errors(self, find_error_alone: Callable[[NDArray[np.int64]], float]) -> dict[int, float]:
+        """object index -> find_error_alone(rows (k,) int64) for each object with enough rows."""
+        return {thing: find_error_alone(rows) for thing, rows in self.objects.items()}
 
     def part(self, light: FloatArray, dark: float) -> Parts:
         """The groups with their brightness floors.

@@ -230,7 +230,7 @@ def _find_between(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Between which texels (m,) bool something stands, or a cover ends; and ContactMap.rising.
 
-    looks      at the patches; what is touched, and how far that is, is told anew where a cover ends
+    looks      at the patches; what is touched, and how far that is, is looked for anew where a cover ends
     is_whole   (k,) bool: patches whose texels their chart covers in full
     """
     start, height, distance = looks.start, looks.height, looks.distance

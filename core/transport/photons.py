@@ -146,7 +146,7 @@ def trace_shard(
 
     total_flux_share   what these photons carry together, as a share of all the scene's power: n_photons / all photons of a bake
     skip_first         direct light is found elsewhere: first hits scatter but are not deposited; SPLIT photons go there together
-    split_at           more or fewer of them where they part; then what becomes of them is told by groups
+    split_at           more or fewer of them where they part; then what becomes of them is given by groups
     cells              where more or fewer of them are born, if they go alone; then groups have one photon, and its bin for a place
     """
     log = PhotonLog()

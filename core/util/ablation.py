@@ -63,10 +63,7 @@ MECHANISMS = {
     "sealed_solids": "faces of closed solids send no light inwards",
     "slender_cutting": "slender emitting triangles are cut across",
     # the stated error
-    "bias_forecast": "the stated error forecasts what leaves cannot hold from how that fell so far",
     "noise_correction": "the photons' variance is corrected by how the halves of the bake differ",
-    "variance_correction": "the rays' variance is corrected by how repeated estimates differ",
-    "carried_error": "the error of gathered light has a share of that of the light it was gathered from",
 }
 # Those that are a setting already, and its value without them.
 _OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "final_gathering": "gather"}

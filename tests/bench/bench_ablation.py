@@ -3,8 +3,8 @@
 python tests/bench/bench_ablation.py [--seeds ... | --count N] [--scenes FOLDER] [--mechanisms NAME ...] [--docs]
 
 Each scene is baked with everything with two seeds, whose difference is the noise, and once without each mechanism of
-core/util/ablation.py with the first seed. Errors are those against a reference by Cycles, as in bench_zoo.py. Costs are CPU seconds: a busy
-machine will do. Without seeds the date decides which scenes are drawn.
+core/util/ablation.py, or each group of them joined by "+", with the first seed. Errors are those against a reference by Cycles, as in
+bench_zoo.py. Costs are CPU seconds: a busy machine will do. Without seeds the date decides which scenes are drawn.
 """
 
 from __future__ import annotations
@@ -81,13 +81,21 @@ def run_scene(subject: Subject, asked: Asked, mechanisms: Sequence[str]) -> Scen
         layout = "" if subject.uv_layer else wholes[0].layout
         reference = find_reference(subject, layout, QUICK.side, QUICK.reference_s, QUICK.noise)
         trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference) for made in wholes))
-        without = {name: pool.submit(bake, subject, asked, asked.seeds[0], [name]) for name in mechanisms}
+        without = {name: pool.submit(bake, subject, asked, asked.seeds[0], name.split("+")) for name in mechanisms}
         for name, one in without.items():
             try:
                 trials.without[name] = judge(subject, one.result(), reference, wholes[0])
             except RuntimeError as reason:
                 print(f"{subject.name} without {name} FAILED: {reason}", file=sys.stderr, flush=True)
     return trials
+
+
+def read_names(text: str) -> str:
+    """Names of mechanisms joined by "+". Raises ArgumentTypeError where one is unknown."""
+    unknown = [name for name in text.split("+") if name not in MECHANISMS]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"no mechanism: {', '.join(unknown)}; known are {', '.join(MECHANISMS)}")
+    return text
 
 
 def describe_mechanisms() -> Table:
@@ -106,7 +114,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--seeds", nargs="+", type=int, help="scenes; without them the date decides")
     parser.add_argument("--count", type=int, help="how many seeds are drawn where none are named")
     parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="its .blend files in place of seeds, each on a new UV layer")
-    parser.add_argument("--mechanisms", nargs="+", metavar="NAME", choices=MECHANISMS, help="only these")
+    parser.add_argument("--mechanisms", nargs="+", metavar="NAME", type=read_names, help="only these; A+B are switched off together")
     parser.add_argument("--error", type=float, default=0.03, help="that every bake is asked for")
     parser.add_argument("--max-photons", type=int, default=32_000_000, help="after which a bake ends")
     parser.add_argument("--budget", type=float, default=300.0, help="seconds after which the best so far of a bake is taken")

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import math
 import os
 import re
 import shutil
@@ -294,6 +295,7 @@ class Events:
         for name, value in knobs.items():
             setattr(chosen, name, value)
         assert self._start(bpy.context, preview=True)
+        assert self._prepare(bpy.context, math.inf) is None
         state, limit = bpy.context.window_manager.leaflight_state, time.monotonic() + 60.0
         while state.progress is None and not self._ended and time.monotonic() < limit:
             self._ended = state.drain()

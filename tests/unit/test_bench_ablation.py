@@ -86,7 +86,7 @@ def test_scenes_fail_alone_and_the_page_gets_its_tables(tmp_path, monkeypatch, c
         if subject.name == "bad":
             raise RuntimeError("bad: the bake failed: no light")
         assert asked.seeds == (1, 2, 3)
-        assert mechanisms == ["tiles"]
+        assert mechanisms == ["tiles", "seams+contacts"]
         return done
 
     class Subject:
@@ -99,11 +99,13 @@ def test_scenes_fail_alone_and_the_page_gets_its_tables(tmp_path, monkeypatch, c
     page = tmp_path / "docs" / "ablation.md"
     page.parent.mkdir()
     page.write_text(PAGE.read_text(encoding="utf-8"), encoding="utf-8")
-    assert bench_ablation.main(["--mechanisms", "tiles", "--turns", "3", "--docs"]) == 1
+    assert bench_ablation.main(["--mechanisms", "tiles", "seams+contacts", "--turns", "3", "--docs"]) == 1
     assert "bad FAILED: bad: the bake failed: no light" in capsys.readouterr().out
     assert "| tiles | " in page.read_text(encoding="utf-8").partition("<!-- table: worth -->")[2].partition("<!-- end -->")[0]
-    with pytest.raises(SystemExit):
-        bench_ablation.main(["--turns", "1"])
+    for wrong in (["--turns", "1"], ["--mechanisms", "seams+tile"]):
+        with pytest.raises(SystemExit):
+            bench_ablation.main(wrong)
+    assert "no mechanism: tile;" in capsys.readouterr().err
 
 
 def test_the_page_lists_every_mechanism():

@@ -131,7 +131,6 @@ def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch)
     monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)  # so that the first turn is too coarse
     settings = replace(SETTINGS, error=0.008, max_photons=3_000_000)
     kept, part = keep(tmp_path, settings, 3)
-    assert part.direct.repeats is not None
     rest = go_on(tmp_path, kept, settings)
     assert part.photons < rest.photons
     assert light_bytes(rest) == light_bytes(run(make_solver(tmp_path / "whole", lamp_scene(), settings)))

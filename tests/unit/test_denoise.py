@@ -131,7 +131,7 @@ def test_noise_that_is_left_is_told_in_the_units_of_the_light(texels, brightness
     noise = np.random.default_rng(1).standard_normal((count, 3))
     for scale in (1.0, brightness):
         light, variance = np.float32([scale * (1.0 + SIGMA * noise)]), np.full((count, 3), (scale * SIGMA) ** 2, np.float32)
-        smoothed = denoise.denoise(light, variance, np.ones(count, bool), texels, tell=True)
+        smoothed = denoise.denoise(light, variance, np.ones(count, bool), texels, with_variance=True)
         told.append(smoothed)
         real = ((smoothed.light[0] / scale - 1.0) ** 2).mean()
         assert smoothed.variance.mean() / scale**2 == pytest.approx(real, rel=0.2)
@@ -172,7 +172,7 @@ def test_processes_change_no_byte():
     found = []
     for workers in (1, 2):
         with make_executor(workers) as executor:
-            found.append(denoise.denoise(light, variance, grainy, texels, partial(spread, executor), tell=True))
+            found.append(denoise.denoise(light, variance, grainy, texels, partial(spread, executor), with_variance=True))
     assert len(found[0].entry) == len(grainy)
     for name in ("entry", "light", "variance", "own_share"):
         np.testing.assert_array_equal(*(getattr(one, name) for one in found))

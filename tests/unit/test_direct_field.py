@@ -63,7 +63,6 @@ def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
     for _ in range(2):
         for name in ("irradiance", "variance", "passes"):
             np.testing.assert_array_equal(getattr(field, name), getattr(other, name))
-        np.testing.assert_array_equal(field.repeats.sums, other.repeats.sums)
         assert (field.counters, field.turns) == (other.counters, other.turns)
         assert all(one.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy) for one in (field, other))
 
@@ -98,21 +97,6 @@ class Dice(executors.InlineExecutor):
         return future
 
 
-def test_variances_of_texels_shot_again_are_corrected_by_how_their_estimates_differ(tmp_path):
-    """By those of neighbours; what was shot once keeps its own."""
-    prepare_folder(tmp_path, lamp_scene(), SETTINGS)
-    sigma = np.repeat([0.1, 0.2, 0.4, 0.1], 640)
-    field, dice, again = DirectField.none(len(sigma)), Dice(sigma), np.arange(3 * 640)
-    field.shoot(tmp_path, SETTINGS, dice, np.arange(len(sigma)))
-    assert field.find_variance() is field.variance
-    for _ in range(15):
-        field.shoot(tmp_path, SETTINGS, dice, again)
-    told = field.find_variance().reshape(4, 640, 3).mean(axis=(1, 2))
-    np.testing.assert_allclose(told[:3] * 16, [0.1**2, 0.2**2, 0.4**2], rtol=0.25)
-    assert told[3] == pytest.approx(0.2**2)
-    assert field.variance.max() == pytest.approx(0.2**2)
-
-
 def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
     """Each estimate counts rays that found it, three in the mean, and a texel is shot again while it errs too much."""
 
@@ -134,32 +118,6 @@ def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
     assert passes > 4
     assert mean == pytest.approx(1.0, abs=4 * noise)
     assert abs(settle(lambda field, error2: error2)[0] - 1.0) > 10 * noise  # were each chosen by its own
-
-
-def find_rarely(field, rng):
-    """One more estimate of all texels: half as bright as each other, of rays of which one finds light in three estimates."""
-    level = np.repeat([1.0, 2.0], len(field.passes) // 2)[:, None]
-    found = 3.0 * rng.poisson(1 / 3, len(field.passes))[:, None] * level
-    variance = np.maximum(3.0 * found, 1.0) * level  # who found nothing is not sure of it, see sky_openings
-    light = DirectLight(np.repeat(found, 3, axis=1), np.repeat(variance, 3, axis=1), {})
-    field._note_difference(np.arange(len(field.passes)), light, 0.1)
-    field._add(slice(None), light)
-
-
-def test_of_rare_light_variances_are_corrected_by_how_estimates_differ_whatever_they_found():
-    """Beside what it found itself, a texel that found much by chance seems to be off by little."""
-    told = []
-    for few in (True, False):
-        field, rng = DirectField.none(1 << 12), np.random.default_rng(3)
-        field.by_openings[:] = few
-        for _ in range(4):
-            find_rarely(field, rng)
-            field.by_openings[:] = few
-        found = field.find_variance().reshape(2, -1).mean(axis=1)
-        real = ((field.irradiance.reshape(2, -1) - [[1.0], [2.0]]) ** 2).mean(axis=1)
-        told.append(found / real)
-    assert told[0] == pytest.approx(1.0, abs=0.15)
-    assert np.max(told[1]) < 0.7  # as it was judged before
 
 
 def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_told_so(shot):
@@ -205,7 +163,7 @@ def test_light_that_is_begun_to_be_shown_is_what_is_shown(shot):
     afresh.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
     afresh.begin_show(texels, True, spread)
     afresh.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
-    other = DirectField(afresh.irradiance, afresh.variance, afresh.passes, repeats=afresh.repeats).show(texels, True).irradiance
+    other = DirectField(afresh.irradiance, afresh.variance, afresh.passes).show(texels, True).irradiance
     np.testing.assert_array_equal(afresh.show(texels, True).irradiance, other)
     assert (other != expected).any()
     afresh.begin_show(texels, False, spread)

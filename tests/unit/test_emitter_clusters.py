@@ -69,24 +69,24 @@ def test_solids_come_by_themselves():
 def test_judged_by_distance_horizon_and_facing():
     """Of a small lamp that faces the receiver: its cosines over the squared distance."""
     lamp = clusters_of(np.array([[0.3, 0.0, 0.4]]), np.array([DOWN]))
-    found = lamp.judge(receivers_at((0, 0, 0), (0.3, 0, 0)), np.zeros(2, np.float32))[:, 0]
+    found = lamp.estimate(receivers_at((0, 0, 0), (0.3, 0, 0)), np.zeros(2, np.float32))[:, 0]
     assert found == pytest.approx([0.8 * 0.8 / 0.25, 1 / 0.16], rel=1e-3)
 
 
 def test_what_is_below_the_horizon_or_looks_away_is_hardly_chosen_but_can_be():
     nobody = np.zeros(1, np.float32)
-    above = row_of(1, 0.4).judge(receivers_at((-0.45, 0, 0)), nobody)[0, 0]
+    above = row_of(1, 0.4).estimate(receivers_at((-0.45, 0, 0)), nobody)[0, 0]
     for hidden in (row_of(1, -0.4, UP), row_of(1, 0.4, UP, sealed=True)):
-        found = hidden.judge(receivers_at((-0.45, 0, 0)), nobody)[0, 0]
+        found = hidden.estimate(receivers_at((-0.45, 0, 0)), nobody)[0, 0]
         assert 0 < found < 0.01 * above
-    assert row_of(1, 0.4, UP).judge(receivers_at((-0.45, 0, 0)), nobody)[0, 0] == pytest.approx(above)  # one sees its back too
+    assert row_of(1, 0.4, UP).estimate(receivers_at((-0.45, 0, 0)), nobody)[0, 0] == pytest.approx(above)  # one sees its back too
     wide = np.array([0.5], np.float32)  # who may be up there sees it from its front
-    assert row_of(1, 0.4, UP, sealed=True).judge(receivers_at((-0.45, 0, 0)), wide)[0, 0] > 10 * found
+    assert row_of(1, 0.4, UP, sealed=True).estimate(receivers_at((-0.45, 0, 0)), wide)[0, 0] > 10 * found
 
 
 def test_what_is_below_the_horizon_of_a_middle_counts_where_others_may_see_it():
     lamp, looking = row_of(1, -0.1, UP), receivers_at((-0.45, 0, 0))
-    near, wide = (lamp.judge(looking, np.array([reach], np.float32))[0, 0] for reach in (0.0, 0.3))
+    near, wide = (lamp.estimate(looking, np.array([reach], np.float32))[0, 0] for reach in (0.0, 0.3))
     assert wide > 20 * near
 
 
@@ -126,11 +126,11 @@ def test_a_near_run_is_judged_by_its_cells():
     exact = 0.01**2 / (square * (square + row.square[cells]))
     run = np.repeat(np.arange(len(row)), row.runs.count)
     expected = np.bincount(run, exact)
-    found = row.judge(looking, reach)[0]
+    found = row.estimate(looking, reach)[0]
     assert found.sum() == pytest.approx(expected.sum(), rel=0.02)
     assert found.argmax() == expected.argmax()
     together = replace(row, count=np.zeros_like(row.count))  # as if runs had no parts
-    assert abs(together.judge(looking, reach)[0].sum() / expected.sum() - 1) > 0.05
+    assert abs(together.estimate(looking, reach)[0].sum() / expected.sum() - 1) > 0.05
 
 
 @pytest.mark.parametrize(("height", "is_near"), [(0.0005, True), (2.0, False)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, to_grid
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
 from leaflight.core.lights import emitter_pool
@@ -88,15 +88,15 @@ def test_the_far_side_of_a_solid_close_by_is_not_chosen_for_what_it_would_give()
     place, _ = UnitBox.from_points(scene.vertex_position).to_unit(np.array([[0.29, 0.5, 0.5], [0.5, 0.5, 0.5]]))
     toward = np.array([[1.0, 0.0, 0.0]], np.float32)
     looking = Receivers(place[None].astype(np.float32), toward, toward)
-    judged, by_middle = pool._judge(looking, np.zeros(1, np.float32))[0], pool.clusters.judge(looking, np.zeros(1, np.float32))[0]
+    estimated, by_middle = pool._estimate(looking, np.zeros(1, np.float32))[0], pool.clusters.estimate(looking, np.zeros(1, np.float32))[0]
     cell = pool.clusters.first[pool._alone]
     normal = pool.scene.normal[pool.cells.tri[cell]]
     large = pool.area[cell] > 0.5 * pool.area.max()
     near, far = (pool._alone[large & (normal[:, 0] * side > 0.9)] for side in (-1, 1))
     assert len(near) == len(far) == 2
-    assert (judged[near] > by_middle[near]).all()
-    assert np.array_equal(judged[far], by_middle[far])
-    assert judged[far].sum() < 0.01 * judged[near].sum()
+    assert (estimated[near] > by_middle[near]).all()
+    assert np.array_equal(estimated[far], by_middle[far])
+    assert estimated[far].sum() < 0.01 * estimated[near].sum()
 
 
 def test_triangles_that_share_an_edge_with_the_floor():
@@ -267,12 +267,6 @@ def test_tiles_choose_what_is_seen_from_them():
     alone, together = (light_floor(scene, tolerance=0.0, max_rays=16, **options) for options in ({}, {"tiles": floor_tiles(SIDE)}))
     assert alone.irradiance_rgb.mean() == pytest.approx(together.irradiance_rgb.mean(), rel=0.01)
     assert np.median(together.variance_rgb) < 1.3 * np.median(alone.variance_rgb)
-
-
-def test_a_quarter_of_a_tile_is_judged_from_its_corners():
-    x, y = morton_square(4)
-    assert sorted(zip(x[list(emitter_pool._JUDGES)], y[list(emitter_pool._JUDGES)], strict=True)) == [(0, 0), (0, 3), (3, 0), (3, 3)]
-    assert len(x) == emitter_pool._TOGETHER
 
 
 def test_tiles_take_few_rays_where_their_noise_is_smoothed():

@@ -20,21 +20,21 @@ def terms_of(light, photons, direct, missing=0.0, dark=1.0):
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
     zero, n = np.zeros(len(light)), len(light)
     missing2 = weight[:, 0] * np.broadcast_to(missing, n) ** 2
-    told = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero, zero + np.nan, zero + np.nan)
+    bias = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero)
     photons2 = weight[:, 0] * np.broadcast_to(photons, n) ** 2.0
     shown = FilteredField.plain(light, np.repeat(np.broadcast_to(np.float32(direct), n)[:, None] ** 2, 3, axis=1))
-    rays = RayNoise(shown.tell_smoothing(np.arange(n)), np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
-    return Terms(light, dark, weight, PhotonNoise(photons2, zero, 0.0, 0.0), zero, told, rays, None, weight * 0.0 + 0.5)
+    rays = RayNoise(shown.smoothing_at(np.arange(n)), np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
+    return Terms(light, dark, weight, PhotonNoise(photons2, zero, 0.0, 0.0), zero, bias, rays, None, weight * 0.0 + 0.5)
 
 
 def test_squares_of_all_that_texels_err_by_are_added():
-    told = terms_of(np.full(COUNT, 10.0), photons=0.3, direct=0.4, missing=1.2, dark=0.0).sum_up(np.arange(COUNT))
-    assert told.photons2 == pytest.approx(0.03**2)
-    assert told.direct2 == pytest.approx(0.04**2, rel=1e-5)
-    assert told.missing2 == pytest.approx(0.12**2, rel=2e-3)  # a thousandth of it could be chance
-    assert told.relative**2 == pytest.approx(told.photons2 + told.direct2 + told.missing2)
-    assert told.indirect == pytest.approx(0.5)
-    assert told.chosen >= told.relative
+    found = terms_of(np.full(COUNT, 10.0), photons=0.3, direct=0.4, missing=1.2, dark=0.0).sum_up(np.arange(COUNT))
+    assert found.photons2 == pytest.approx(0.03**2)
+    assert found.direct2 == pytest.approx(0.04**2, rel=1e-5)
+    assert found.missing2 == pytest.approx(0.12**2, rel=2e-3)  # a thousandth of it could be chance
+    assert found.relative**2 == pytest.approx(found.photons2 + found.direct2 + found.missing2)
+    assert found.indirect == pytest.approx(0.5)
+    assert found.chosen >= found.relative
 
 
 def test_the_worst_texels_are_left_out():
@@ -46,27 +46,27 @@ def test_the_worst_texels_are_left_out():
 
 @pytest.mark.parametrize("dark_of_all", [5.0, 0.02])
 def test_an_object_alone_is_judged_beside_its_own_brightness(dark_of_all):
-    """As if it had been all there is: what is told of it is the same, whatever floor it was judged with among others."""
+    """As if it had been all there is: its error is the same, whatever floor it had among others."""
     light = np.where(np.arange(COUNT) % 2, 0.1, 0.5)
     given = {"photons": 0.02, "direct": 0.01, "missing": 0.015}
     own_floor = DARK_FLOOR * max(0.3, dark_of_all)
     alone = terms_of(light, **given, dark=own_floor).sum_up(np.arange(COUNT)).relative
     among = dataclasses.replace(terms_of(light, **given, dark=dark_of_all), dark=dark_of_all)
-    assert among.judge_alone(np.arange(COUNT)) == pytest.approx(alone, rel=1e-4)
+    assert among.find_error_alone(np.arange(COUNT)) == pytest.approx(alone, rel=1e-4)
 
 
 def test_gathered_light_takes_the_place_of_all_that_leaves_err_by():
-    """And of nothing else, where it is told."""
+    """And of nothing else, where it is shown."""
     terms = dataclasses.replace(terms_of(np.ones(COUNT), 0.3, 0.2, missing=0.1, dark=0.0), unseen2=np.full(COUNT, 0.16))
-    told = np.arange(COUNT) < COUNT // 2
+    shown_there = np.arange(COUNT) < COUNT // 2
     noise = np.full((COUNT, 3), 0.05**2, np.float32)
-    shown = FilteredGather(FilteredField.plain(np.ones((COUNT, 3), np.float32), noise), np.full(COUNT, 0.01, np.float32), told, 0.02)
+    shown = FilteredGather(FilteredField.plain(np.ones((COUNT, 3), np.float32), noise), np.full(COUNT, 0.01, np.float32), shown_there)
     with_it = terms.with_gathered(shown, np.arange(COUNT))
-    for rows, expected2 in ((told, 0.01 + 0.02 + 0.2**2 + 0.05**2), (~told, 0.3**2 + 0.2**2 + 0.1**2 + 0.16)):
+    for rows, expected2 in ((shown_there, 0.01 + 0.2**2 + 0.05**2), (~shown_there, 0.3**2 + 0.2**2 + 0.1**2 + 0.16)):
         assert with_it.sum_up(np.flatnonzero(rows), unseen=True).relative ** 2 == pytest.approx(expected2, rel=2e-3)
 
 
 def alone(light, direct, dark=0.0):
-    """Arguments of judge_rays_alone but for the rows."""
+    """Arguments of find_ray_error_alone but for the rows."""
     terms = terms_of(light, 0.0, direct, dark=dark)
     return terms.light, terms.dark, terms.weight, terms.direct

@@ -87,7 +87,7 @@ def test_noise_that_smoothing_does_not_find_is_no_noise(texels, times, share):
     for seed in range(6):
         noisy = (1 + times * sigma * np.random.default_rng(seed).standard_normal((SIDE * SIDE, 3))).astype(np.float32)
         shown = FilteredField.begin_smoothing(noisy, np.full_like(noisy, sigma**2), texels)()
-        told = shown.tell_smoothing(every)
+        told = shown.smoothing_at(every)
         found.append(told.find_noise_share(np.ones_like(noisy)))
         assert told.is_smoothed.all()
     assert np.mean(found) == pytest.approx(share, rel=0.08)
@@ -96,7 +96,7 @@ def test_noise_that_smoothing_does_not_find_is_no_noise(texels, times, share):
 def test_of_light_that_is_as_it_was_found_all_noise_is_believed(texels):
     noisy = np.ones((SIDE * SIDE, 3), np.float32)
     shown = FilteredField.plain(noisy, 0.01 * noisy)
-    told = shown.tell_smoothing(np.arange(10))
+    told = shown.smoothing_at(np.arange(10))
     assert told.find_noise_share(noisy[:10]) == 1.0
     assert not told.is_smoothed.any()
 

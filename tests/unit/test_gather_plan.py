@@ -12,7 +12,7 @@ from leaflight.core.transport.energy_audit import Ledger
 from leaflight.core.util.settings import Settings
 
 ASKED = Settings(error=0.02)
-LEDGER = Ledger(photons=10**6, told=1e6, rays=500_000)
+LEDGER = Ledger(photons=10**6, total_weight=1e6, rays=500_000)
 NOISY = error_estimate.StatedError(0.049, 0.05, 0.0, 0.04, 1.0, lambda: np.zeros(0, np.float32), indirect=1.0)
 
 
@@ -31,7 +31,7 @@ def test_it_pays_where_a_bake_may_not_have_the_photons_that_it_needs():
     large = {"n_texel": 4_000_000}
     assert not pays(replace(ASKED, max_photons=8_001_000), **large)
     assert pays(replace(ASKED, max_photons=7_999_000), **large)
-    assert pays(replace(ASKED, max_photons=8_001_000), ledger=replace(LEDGER, told=2e6), **large)
+    assert pays(replace(ASKED, max_photons=8_001_000), ledger=replace(LEDGER, total_weight=2e6), **large)
     assert not pays(replace(ASKED, max_photons=7_999_000, error=0.0195), **large)  # too little is known of what would be gathered
 
 

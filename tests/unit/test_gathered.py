@@ -109,7 +109,7 @@ def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, mon
 def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkeypatch):
     light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.004)
     texels, found = solver.tracing.texels, light.gathered
-    plain = GatheredField(found.irradiance, found.variance, found.passes, doubt=found.doubt, repeats=found.repeats)
+    plain = GatheredField(found.irradiance, found.variance, found.passes, doubt=found.doubt)
     assert len(found.show(texels, True).entry) > len(plain.show(texels, True).entry)
 
 
@@ -118,15 +118,15 @@ def test_texels_that_nothing_was_gathered_of_keep_the_light_of_the_leaves(gather
     passes = light.gathered.passes.copy()
     passes[64:128] = 0
     in_part = GatheredField(**{name: getattr(light.gathered, name) for name in ("irradiance", "variance", "doubt")}, passes=passes)
-    told = in_part.show_gathered(solver.tracing.texels, smooth=False).told
-    assert np.flatnonzero(~told).tolist() == list(range(64, 128))
+    is_shown = in_part.show_gathered(solver.tracing.texels, smooth=False).is_shown
+    assert np.flatnonzero(~is_shown).tolist() == list(range(64, 128))
     whole, of_leaves, mixed = (
         texel_light.light_at_texels(replace(light, gathered=one), solver.tracing.texels, smooth_grain=False).indirect
         for one in (light.gathered, None, in_part)
     )
-    assert np.array_equal(mixed[told], whole[told])
-    assert np.array_equal(mixed[~told], of_leaves[~told])
-    assert not np.array_equal(whole[~told], of_leaves[~told])
+    assert np.array_equal(mixed[is_shown], whole[is_shown])
+    assert np.array_equal(mixed[~is_shown], of_leaves[~is_shown])
+    assert not np.array_equal(whole[~is_shown], of_leaves[~is_shown])
 
 
 def test_a_thing_without_a_lightmap_sends_as_much_as_with_one(tmp_path):

@@ -108,29 +108,29 @@ class TestJudging:
         return Receivers(rng.uniform(-0.5, 0.5, (n, 3)).astype(np.float32), normal, normal)
 
     def test_no_lamp_that_lights_a_place_has_hardly_a_chance(self):
-        """Light over what it was judged by, relative to the place's whole: what one ray may be too bright by."""
+        """Light over what it was estimated by, relative to the place's whole: what one ray may be too bright by."""
         scene = lit_scene([BLOCK], make_lamps(50))
         crowd, receivers = prepare(scene)[0].crowd, self.receivers()
-        judged = crowd.judge(receivers, np.full(400, 0.01, np.float32))
-        assert (judged > 0).all()
-        given = np.zeros_like(judged)
-        for place in range(judged.shape[1]):
+        estimated = crowd.estimate(receivers, np.full(400, 0.01, np.float32))
+        assert (estimated > 0).all()
+        given = np.zeros_like(estimated)
+        for place in range(estimated.shape[1]):
             lamp = crowd.kinds[crowd.kind[place]].rows(np.array([crowd.number[place]]))
             given[:, place] = lamp.aim(receivers.position, receivers.normal, np.full((400, 2), 0.5, np.float32)).weight * lamp.rgb.mean()
-        worst = (given / judged * judged.sum(axis=1, keepdims=True)).max(axis=1) / np.maximum(given.sum(axis=1), 1e-9)
+        worst = (given / estimated * estimated.sum(axis=1, keepdims=True)).max(axis=1) / np.maximum(given.sum(axis=1), 1e-9)
         assert np.quantile(worst[given.sum(axis=1) > 1e-3 * given.sum(axis=1).max()], 0.95) < 4
 
-    def test_lamps_behind_the_plane_or_beyond_a_cone_are_judged_low(self):
+    def test_lamps_behind_the_plane_or_beyond_a_cone_are_estimated_low(self):
         up = Light("SPOT", "Up", (0.5, 0.5, 0.5), power_rgb=(1.0,) * 3, cone_angle_rad=1.0, rotation=((1, 0, 0), (0, -1, 0), (0, 0, -1)))
         below = Light("POINT", "Below", (0.5, 0.5, -0.5), power_rgb=(1.0,) * 3)
         above = Light("POINT", "Above", (0.5, 0.5, 0.5), power_rgb=(1.0,) * 3)
         scene = prepare(lit_scene(lights=[up, below, above, *[replace(above, name=str(k)) for k in range(20)]]))[0]
         chunk = TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), scene.surfaces, False)
-        judged = scene.crowd.judge(chunk.receivers_at(TEXELS, MIDDLE), np.full(len(TEXELS), 0.01, np.float32))
-        best = judged.max(axis=1)
-        assert ((judged < 0.12 * best[:, None]).sum(axis=1) == 2).all()
+        estimated = scene.crowd.estimate(chunk.receivers_at(TEXELS, MIDDLE), np.full(len(TEXELS), 0.01, np.float32))
+        best = estimated.max(axis=1)
+        assert ((estimated < 0.12 * best[:, None]).sum(axis=1) == 2).all()
 
-    def test_a_cone_that_what_is_around_may_be_in_is_not_judged_low(self):
+    def test_a_cone_that_what_is_around_may_be_in_is_not_estimated_low(self):
         """A spot 0.2 over the floor, of 0.5 rad to each side, and a place beyond its rim, with and without 0.1 around it."""
         down = Light("SPOT", "Down", (0.5, 0.5, 0.2), power_rgb=(1.0,) * 3, cone_angle_rad=1.0, rotation=DOWN)
         crowd = prepare(lit_scene(lights=[down, *[replace(down, name=str(k), position_m=(9.0, k, 0.2)) for k in range(20)]]))[0].crowd
@@ -138,17 +138,17 @@ class TestJudging:
         scale = np.abs(np.diff(np.sort(crowd.clusters.centre[:, 1]))).max()  # of a metre
         place = (under + scale * np.array([[0.17, 0, -0.2], [0.17, 0, -0.2]])).astype(np.float32)
         up = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (2, 1))
-        judged = crowd.judge(Receivers(place, up, up), (scale * np.array([1e-3, 0.1])).astype(np.float32)).max(axis=1)
-        assert judged[1] > 10 * judged[0]
+        estimated = crowd.estimate(Receivers(place, up, up), (scale * np.array([1e-3, 0.1])).astype(np.float32)).max(axis=1)
+        assert estimated[1] > 10 * estimated[0]
 
-    def test_neighbours_in_a_plane_are_judged_at_once_and_others_one_by_one(self):
+    def test_neighbours_in_a_plane_are_estimated_at_once_and_others_one_by_one(self):
         """A floor whose texels come in squares of four; then few of them, far apart; and a chunk whose last group is not full."""
         surfaces = prepare(lit_scene([BLOCK], make_lamps(60)))[0].surfaces
 
         def judges_of(texels: np.ndarray) -> list[lamp_crowd._Judges]:
             chunk = TexelChunk(floor_looks(SIDE)(texels), np.zeros((len(texels), 2), np.uint32), surfaces, False)
             return list(
-                lamp_crowd._find_judges(chunk, find_reach(chunk.receivers_at(np.arange(len(texels)), GAUSS_POINTS).position, len(texels)))
+                lamp_crowd._find_probes(chunk, find_reach(chunk.receivers_at(np.arange(len(texels)), GAUSS_POINTS).position, len(texels)))
             )
 
         at_once, others = judges_of(TEXELS)
@@ -162,7 +162,7 @@ class TestJudging:
         assert ended.group.tolist() == [0, 1]
 
 
-def test_texels_around_an_edge_are_judged_one_by_one():
+def test_texels_around_an_edge_are_estimated_one_by_one():
     """Of every other group one texel faces aside, as where a chart goes around an edge."""
     scene = prepare(lit_scene([BLOCK], make_lamps(60)))[0]
     chunk = TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), scene.surfaces, False)
@@ -176,7 +176,7 @@ def test_texels_around_an_edge_are_judged_one_by_one():
         def receivers_at(self, rows: np.ndarray, points: np.ndarray) -> Receivers:
             return replace(every, normal=tilted).rows(rows)
 
-    at_once, others = lamp_crowd._find_judges(Folded(), np.full(len(TEXELS), 1.0, np.float32))
+    at_once, others = lamp_crowd._find_probes(Folded(), np.full(len(TEXELS), 1.0, np.float32))
     assert at_once.group.tolist() == list(range(1, len(TEXELS) // 4, 2))
     assert others.group.tolist() == list(range(0, len(TEXELS) // 4, 2))
     assert np.array_equal(others.receivers.normal, tilted.reshape(-1, 4, 3)[::2].reshape(-1, 3))

@@ -24,7 +24,7 @@ def smooth(truth, sigma=SIGMA, left=0, seed=1, noise=None):
     variance = np.where(chart >= 0, np.float32((sigma if noise is None else noise) ** 2), np.float32(0))
     light = np.maximum(np.where(chart >= 0, image, np.float32(0)), 0)
     light, variance = (np.repeat(values[None], 3, axis=0) for values in (light, variance))
-    return tuple(values[..., left:] for values in smooth_alike(light[None], variance, chart, tell=True))
+    return tuple(values[..., left:] for values in smooth_alike(light[None], variance, chart, with_variance=True))
 
 
 def ramp(along_x, along_y):
@@ -77,8 +77,8 @@ def test_parts_are_smoothed_alike():
     rng = np.random.default_rng(2)
     light = np.where(chart >= 0, 1 + SIGMA * rng.standard_normal((3, *chart.shape), np.float32), 0).astype(np.float32)
     noise = np.where(chart >= 0, np.full((3, *chart.shape), SIGMA**2, np.float32), 0)
-    whole = smooth_alike(light[None], noise, chart, tell=False)[0]
-    parts = smooth_alike(np.stack([0.75 * light, 0.25 * light]), noise, chart, tell=False)[0]
+    whole = smooth_alike(light[None], noise, chart, with_variance=False)[0]
+    parts = smooth_alike(np.stack([0.75 * light, 0.25 * light]), noise, chart, with_variance=False)[0]
     np.testing.assert_allclose(parts[0], 3 * parts[1], rtol=1e-4)
     np.testing.assert_allclose(parts.sum(axis=0), whole[0], rtol=1e-4)
 
@@ -90,9 +90,9 @@ def test_a_tile_within_one_chart_is_smoothed_like_any_other():
     light = 1 + SIGMA * rng.standard_normal((2, 3, side, side), np.float32)
     variance = np.full((3, side, side), 2 * SIGMA**2, np.float32) * (np.float32(0.5) + rng.random((side, side), np.float32))
     chart = np.zeros((side, side), np.int32)
-    alone = smooth_alike(light, variance, chart, tell=False)[0]
+    alone = smooth_alike(light, variance, chart, with_variance=False)[0]
     chart[:4, :4] = 1
-    beside = smooth_alike(light, variance, chart, tell=False)[0]
+    beside = smooth_alike(light, variance, chart, with_variance=False)[0]
     assert alone.shape == (2, 3, 32, 32)
     np.testing.assert_array_equal(alone[..., 4:, 4:], beside[..., 4:, 4:])
     assert (alone[..., 0, 0] != beside[..., 0, 0]).any()
@@ -106,6 +106,8 @@ def test_patches_that_a_border_cuts_are_compared_by_what_they_share():
     noise = np.full((3, side, side), SIGMA**2 / 3, np.float32)
     narrow = np.full((side, side), -1, np.int32)
     narrow[:, HALO - 1 : HALO + 2] = 0
-    wide, cut = (smooth_alike(light, noise * (chart >= 0), chart, tell=False)[0].item(0) for chart in (np.zeros_like(narrow), narrow))
+    wide, cut = (
+        smooth_alike(light, noise * (chart >= 0), chart, with_variance=False)[0].item(0) for chart in (np.zeros_like(narrow), narrow)
+    )
     assert 1.01 < wide < 1.1
     assert cut == pytest.approx(wide, rel=1e-4)

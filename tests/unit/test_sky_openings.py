@@ -150,7 +150,7 @@ class TestWho:
         known.shot[:] = 64 / CELLS
         known.lit[:16] = known.shot[:16] / 100
         assert not known.see_little(np.zeros(2))[16:].any()
-        known = known.tell_share()
+        known = known.find_share()
         assert known.see_little(np.zeros(2)).all()
         assert not known.see_little(np.array([0.0, 0.01]))[16:].any()
         end, mean, _ = known.of(np.arange(32) >= 16).share_out()

@@ -197,7 +197,7 @@ def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
     direct, texels = solver.direct, solver.tracing.texels
     before = direct.show(texels, smooth=True)
     direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
-    shown, fresh = direct.show(texels, smooth=True), FilteredField.begin_smoothing(direct.irradiance, direct.find_variance(), texels)()
+    shown, fresh = direct.show(texels, smooth=True), FilteredField.begin_smoothing(direct.irradiance, direct.variance, texels)()
     np.testing.assert_array_equal(shown.irradiance, fresh.irradiance)
     assert (shown.irradiance != before.irradiance).any()
 
