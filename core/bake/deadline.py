@@ -23,7 +23,7 @@ _GRACE_SHARE, _GRACE_S = 0.1, 2.0  # by which a bake may be late to have any lig
 _UNKNOWN_PHOTONS = 1 << 18  # of a round before it is known how fast they are
 _FIRST_ERROR = 0.05  # relative, of a first estimate
 _SOON = 0.1  # share of the time left after which it is clear how long a stage will take
-_LEAST_STEPS = 5  # that tell how long a step takes: several processes bring the first ones late, and together
+_LEAST_STEPS = 5  # before their mean length is used: the first results of several processes come late, and together
 _FITS = 0.85  # share of the time left that a stage may take
 _CONTACTS = 0.25  # share of it that the search for contacts may take
 

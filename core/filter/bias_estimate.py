@@ -1,7 +1,9 @@
-"""Discretisation bias of the leaves' light, squared and relative to local brightness.
+"""Discretisation bias of the leaves' light, squared and relative to local brightness, from two estimators.
 
-The product of the differences between a leaf and its children in the two half buffers is an unbiased estimator in sum. Its photons also
-chose the leaves, so that it has selection bias: nodes whose children differed little by chance were not split.
+The difference between a leaf and its children is an unbiased estimator in sum, but its variance is high where leaves are few, and it has
+selection bias: its photons also chose the leaves, and nodes whose children differed little by chance were not split. The second estimator
+extrapolates from the bias of nodes one and two levels up, which lies far above noise, by its decay from level to level. Both are sums over
+all leaves and are combined with weights of inverse variance.
 """
 
 from __future__ import annotations
@@ -16,11 +18,20 @@ from ..radiosity import refine
 from ..radiosity.coefficient_shrinkage import beyond_noise
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.tally import Solution
+from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .reconstruct import PointLight, evaluate_leaf
 
 # Squared bias of a node over that of its parent: 1/2 along edges, 1/16 where light is smooth.
 BIAS_DECAY = 0.25
+# bias2(leaf) = FALL_GOES_ON * fall * bias2(parent), fall = sum bias2(parent) / sum bias2(grandparent): in the closed forms, where light is
+# smooth, the decay is faster the finer leaves are. FALL_DOUBT is the relative standard error of the extrapolated sum.
+FALL_GOES_ON, FALL_DOUBT = 0.5, 0.5
+# Factor on the standard error of the children's estimate where it is below the extrapolation, for its selection bias.
+HIDDEN_DOUBT = 2.0
+# Standard deviations of noise by which a grandparent's children must differ for its bias to enter the decay. Children of evenly lit nodes
+# that were split by chance differ by three to five.
+FAR_OUT = 10.0
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -45,32 +56,73 @@ class AskedLight:
 class Bias:
     """Bias at some texels: float64, squared and relative.
 
-    node       (m,) int32, of find_comparison_nodes
-    unbiased   (m,): product of the differences of the two half buffers, whose noise is independent: an unbiased estimator
-    gap        (m,): its absolute value, noise included: leaving out the worst texels by it leaves out as much noise below zero as above
-    noise      (m,): standard error of `unbiased`, fully correlated among the texels of one comparison node
+    node         (m,) int32, of find_comparison_nodes
+    unbiased          (m,): product of the differences of the two half buffers, whose noise is independent: an unbiased estimator
+    gap           (m,): its absolute value, noise included: leaving out the worst texels by it leaves out as much noise below zero as above
+    noise         (m,): standard error of `unbiased`, fully correlated among the texels of one comparison node
+    parent        (m,): bias of the parent of the texel's leaf; nan where there is no parent, and for leaves of one texel
+    grandparent   (m,): the same, one level up; nan also where it is not significant (FAR_OUT)
     """
 
     node: NDArray[np.int32]
     unbiased: NDArray[np.float64]
     gap: NDArray[np.float64]
     noise: NDArray[np.float64]
+    parent: NDArray[np.float64]
+    grandparent: NDArray[np.float64]
 
     def without(self, texels: NDArray[np.bool_]) -> Bias:
         """The bias without texels (m,) that show other light than the leaves'."""
         unbiased, gap, noise = (np.where(texels, 0.0, part) for part in (self.unbiased, self.gap, self.noise))
-        return replace(self, unbiased=unbiased, gap=gap, noise=noise)
+        parent, grandparent = (np.where(texels, np.nan, part) for part in (self.parent, self.grandparent))
+        return replace(self, unbiased=unbiased, gap=gap, noise=noise, parent=parent, grandparent=grandparent)
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> Bias:
         """The bias at the texels `rows` (k,), its squares scaled by `factor` (k,)."""
-        return Bias(self.node[rows], *(factor * part[rows] for part in (self.unbiased, self.gap, self.noise)))
+        values = (factor * part[rows] for part in (self.unbiased, self.gap, self.noise, self.parent, self.grandparent))
+        return Bias(self.node[rows], *values)
 
     def sum_up(self, best: NDArray[np.intp]) -> tuple[float, float]:
         """The mean over the texels `best` (k,), and its standard error."""
+        extrapolated = self._extrapolate(best)
+        is_extrapolated = ~np.isnan(extrapolated)
+        if not extrapolated[is_extrapolated].sum() > 0.0 or not uses("bias_forecast"):
+            is_extrapolated[:] = False
+        unbiased, seen2, doubt2 = self._sum_unbiased(best[~is_extrapolated])
+        value, square = beyond_noise(unbiased, seen2), doubt2
+        if is_extrapolated.any():
+            unbiased, _, doubt2 = self._sum_unbiased(best[is_extrapolated])
+            found, found2 = _weigh(float(extrapolated[is_extrapolated].sum()), unbiased, doubt2)
+            value, square = value + found, square + found2
+        return value / len(best), math.sqrt(square) / len(best)
+
+    def _sum_unbiased(self, rows: NDArray[np.intp]) -> tuple[float, float, float]:
+        """Over the texels `rows`: the estimate's sum, the squared sums of each comparison node, and the squared standard error of these."""
         # Only the sum is unbiased, and errors are independent between comparison nodes. The shrinkage rests on the seen scatter of their
         # sums, the standard error on the expected one, for a few sums may agree by chance.
-        seen2, doubt2 = (float((np.bincount(self.node[best], part[best]) ** 2).sum()) for part in (self.unbiased, self.noise))
-        return beyond_noise(float(self.unbiased[best].sum()), seen2) / len(best), math.sqrt(doubt2) / len(best)
+        seen2, doubt2 = ((np.bincount(self.node[rows], part[rows]) ** 2).sum() for part in (self.unbiased, self.noise))
+        return float(self.unbiased[rows].sum()), float(seen2), float(doubt2)
+
+    def _extrapolate(self, best: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(k,): extrapolated bias at the texels `best` (k,), valid in sum; nan where there is none."""
+        parent, grandparent = self.parent[best], self.grandparent[best]
+        deep = ~np.isnan(parent + grandparent)
+        above, below = float(grandparent[deep].sum()), float(parent[deep].sum())
+        # Leaves without a grandparent to compare take the decay of the others.
+        fall = below / above if above > 0.0 and below > 0.0 else math.nan
+        extrapolated: NDArray[np.float64] = FALL_GOES_ON * fall * parent
+        return extrapolated
+
+
+def _weigh(extrapolated: float, unbiased: float, doubt2: float) -> tuple[float, float]:
+    """Mean of the extrapolation and the children's estimate by inverse variance, and its squared standard error.
+
+    doubt2   squared standard error of `unbiased`
+    """
+    is_less = unbiased < extrapolated
+    unbiased2, extrapolated2 = doubt2 * (HIDDEN_DOUBT**2 if is_less else 1.0), (FALL_DOUBT * extrapolated) ** 2
+    share = unbiased2 / (unbiased2 + extrapolated2) if unbiased2 else 0.0  # the extrapolation's; both squares may underflow
+    return max(unbiased + share * (extrapolated - unbiased), 0.0), share * extrapolated2
 
 
 def find_bias(
@@ -89,7 +141,11 @@ def find_bias(
     """
     node = find_comparison_nodes(tree, nodes, sample)
     blind2 = (asked.weight * guess_blind(tree, solution, comparison, nodes)[asked.leaf]).mean(1)
-    return Bias(node, *compare_with_nodes(tree, solution, node, asked, correction, blind2))
+    unbiased = compare_with_nodes(tree, solution, node, asked, correction, blind2)
+    parent = np.where(tree.side[asked.leaf] > 1, tree.parent[asked.leaf], -1)  # a leaf of one texel has no bias
+    grandparent = np.where(parent >= 0, tree.parent[parent], -1)
+    missing = _find_missing_of(comparison, parent), _find_missing_of(comparison, grandparent, FAR_OUT)  # the decay of noise means nothing
+    return Bias(node, *unbiased, *((asked.weight * of_nodes).mean(1) for of_nodes in missing))
 
 
 def find_comparison_nodes(tree: Quadtree, nodes: IntArray, sample: NDArray[np.int64]) -> NDArray[np.int32]:
@@ -150,12 +206,14 @@ def guess_blind(tree: Quadtree, solution: Solution, comparison: refine.Compariso
     return missing
 
 
-def _find_missing_of(comparison: refine.Comparison, nodes: IntArray) -> NDArray[np.float64]:
-    """(m, 3) float64, (W/m^2)^2: squared bias of `nodes` (m,) from the product of both halves; nan for nodes not compared with their
-    children, and for -1.
+def _find_missing_of(comparison: refine.Comparison, nodes: IntArray, least_sigmas: float = -math.inf) -> NDArray[np.float64]:
+    """(m, 3) float64, (W/m^2)^2: squared bias of `nodes` (m,) from the product of both halves.
+
+    least_sigmas   nan for nodes whose difference is less significant, for nodes not compared with their children, and for -1
     """
     row, difference = comparison.rows[0][nodes], comparison.differences[0]
     known = np.flatnonzero((nodes >= 0) & (row >= 0))
+    known = known[difference.sigmas[row[known]] >= least_sigmas]
     missing = np.full((len(nodes), 3), np.nan)
     # Without subtracting expected noise: photons spread more evenly than independent ones, and the subtraction would hide a bias.
     missing[known] = difference.common[row[known]]

@@ -212,9 +212,10 @@ class Gloss:
         lost, edge, dip, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(4))
         layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
-        restored = lost * np.repeat(np.array([one.multiscatter for one in rows], np.float32), _ENTRIES)
+        is_restored = np.repeat(np.array([one.multiscatter for one in rows], bool), _ENTRIES)
+        restored = np.where(is_restored, lost, np.float32(0))
         # Scattered once, the layer covers its mean Fresnel reflectance: what the lobe loses is lost to all.
-        covered = dielectric * np.where(restored > 0, 1 + np.repeat(layer_mean, _ENTRIES) * restored, 1 + lost)
+        covered = dielectric * np.where(is_restored, 1 + np.repeat(layer_mean, _ENTRIES) * restored, 1 + lost)
         dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * restored
         diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in rows], np.float32)
         below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * covered

@@ -63,6 +63,7 @@ MECHANISMS = {
     "sealed_solids": "faces of closed solids send no light inwards",
     "slender_cutting": "slender emitting triangles are cut across",
     # the stated error
+    "bias_forecast": "the stated error forecasts what leaves cannot hold from how that fell so far",
     "noise_correction": "the photons' variance is corrected by how the halves of the bake differ",
 }
 # Those that are a setting already, and its value without them.

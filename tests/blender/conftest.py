@@ -32,7 +32,7 @@ class InsideBake:
             bake.run_bake(self.folder, self._told.put, self._stop.is_set, _open_executor)
         except (ValueError, OSError) as reason:
             self._told.put(Error(str(reason)))
-        except Exception:
+        except Exception:  # a fault of ours ends the bake with its traceback, as it ends the process that this stands in for
             self._told.put(Error(traceback.format_exc()))
         self._told.put(None)
 

@@ -91,8 +91,9 @@ def test_switches_change_the_light_or_its_stated_error_and_the_result_says_so(tm
         assert (without != pixels).any(), name
         assert result_without["without"] == [name]
         assert [one.text for one in told if ablation.VARIABLE in getattr(one, "text", "")]
-    _, result_without, _ = bake_without(tmp_path, monkeypatch, "noise_correction", settings=replace(QUICK, error=1e-3))
-    assert result_without["estimated_error"] != result["estimated_error"]
+    for name in ("noise_correction", "bias_forecast"):
+        _, result_without, _ = bake_without(tmp_path, monkeypatch, name, settings=replace(QUICK, error=1e-3))
+        assert result_without["estimated_error"] != result["estimated_error"], name
     for name in ("photons_ahead", "quads", "firefly_clamp"):
         assert (bake_without(tmp_path, monkeypatch, name)[0] == pixels).all(), name
 

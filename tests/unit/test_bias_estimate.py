@@ -39,14 +39,32 @@ def find_bias(bake, nodes, weight=1.0):
     return bias_estimate.find_bias(bake.tree, solution, comparison, nodes, texels, asked, np.ones(3))
 
 
+@pytest.mark.parametrize(("degree", "splits"), [(1, 2), (1, 3), pytest.param(2, 2, marks=pytest.mark.slow)])
+def test_bias_of_smooth_light_falls_about_as_is_extrapolated(degree, splits):
+    """With so many photons that the children have hardly any noise."""
+    bake = throw_on_split(2_000_000, degree, [every] * splits)
+    bias = find_bias(bake, current(bake))
+    assert 0.4 < bias._extrapolate(np.arange(bake.n_texel)).mean() / bias.unbiased.mean() < 1.6
+
+
+def test_the_decay_of_noise_is_not_extrapolated():
+    """Even light on nodes that were split for nothing, beside a glow, whose bias is significant."""
+    for sampler, known in ((even, False), (glow, True)):
+        bake = throw_on_split(200_000, 1, [every, every], sampler=sampler)
+        bias = find_bias(bake, current(bake))
+        assert not np.isnan(bias.parent).any()
+        assert np.isnan(bias.grandparent).any() != known
+        assert np.isnan(bias._extrapolate(np.arange(bake.n_texel))).any() != known
+
+
 def test_the_colour_of_light_does_not_matter():
     """What each channel lacks is relative to that channel."""
     found = []
     for colour in (np.ones(3), np.array([1.0, 0.3, 0.1])):
         bake = throw_on_split(100_000, 0, [every, every], colour=colour)
         found.append(find_bias(bake, current(bake), colour**-2))
-    for name in ("unbiased", "noise"):
-        np.testing.assert_allclose(getattr(found[1], name), getattr(found[0], name), rtol=1e-4, atol=5e-4, err_msg=name)
+    for name in ("parent", "grandparent"):
+        np.testing.assert_allclose(getattr(found[1], name), getattr(found[0], name), rtol=1e-4, err_msg=name)
 
 
 @pytest.mark.parametrize("photons", [2000, 300])  # of 300 most parents have too few to be compared
@@ -54,6 +72,8 @@ def test_leaves_without_previews_never_miss_less_than_nothing(photons):
     bake = throw(even, photons, 1, degree=0, level=2, preview_depth=1)
     bake.tree = quadtree.split(bake.tree, current(bake))
     bias = find_bias(bake, current(bake))
+    assert np.isnan(bias.parent).any() == (photons == 300)
+    assert not (bias.parent >= 0).all()
     assert (bias.unbiased >= 0).all()
 
 

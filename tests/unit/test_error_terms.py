@@ -20,7 +20,7 @@ def terms_of(light, photons, direct, missing=0.0, dark=1.0):
     weight = np.divide(1.0, scale2, out=np.zeros_like(scale2), where=scale2 > 0.0)
     zero, n = np.zeros(len(light)), len(light)
     missing2 = weight[:, 0] * np.broadcast_to(missing, n) ** 2
-    bias = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero)
+    bias = Bias(np.arange(n, dtype=np.int32), missing2, missing2, zero, zero + np.nan, zero + np.nan)
     photons2 = weight[:, 0] * np.broadcast_to(photons, n) ** 2.0
     shown = FilteredField.plain(light, np.repeat(np.broadcast_to(np.float32(direct), n)[:, None] ** 2, 3, axis=1))
     rays = RayNoise(shown.smoothing_at(np.arange(n)), np.ones(n, bool), weight[:, 0] * shown.noise[:, 0])
