@@ -6,38 +6,17 @@ The extension must be installed. Prints a line for each check, and at last how m
 """
 
 import os
+import sys
 import tempfile
-import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import FAILED, check, check_all, in_view, start, state, wait, window
+
 SCENE_FILE = bpy.data.filepath
-TICK_SECONDS = 0.05
-GIVE_UP_SECONDS = 300.0
-FAILED: list[str] = []
-
-
-def check(name: str, holds: object) -> None:
-    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
-    if not holds:
-        print(f"      error {state().error!r}, notice {state().notice!r}, stage {state().stage!r}", flush=True)
-        FAILED.append(name)
-
-
-def state():
-    return bpy.context.window_manager.leaflight_state
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def in_view():
-    area = next(area for area in window().screen.areas if area.type == "VIEW_3D")
-    return bpy.context.temp_override(window=window(), area=area, region=next(r for r in area.regions if r.type == "WINDOW"))
 
 
 def press_bake(error: float = 0.2) -> None:
@@ -45,12 +24,6 @@ def press_bake(error: float = 0.2) -> None:
     chosen.size, chosen.error, chosen.output = 128, error, tempfile.mkdtemp(prefix="leaflight_images_")
     with in_view():
         bpy.ops.leaflight.bake("INVOKE_DEFAULT")
-
-
-def wait(condition: Callable[[], object]) -> Iterator[float]:
-    give_up = time.monotonic() + GIVE_UP_SECONDS
-    while not condition() and time.monotonic() < give_up:
-        yield TICK_SECONDS
 
 
 def has_bake(scene) -> bool:
@@ -320,23 +293,7 @@ CHECKS = (
 
 def steps() -> Iterator[float]:
     for checks in CHECKS:
-        try:
-            yield from checks()
-        except Exception:
-            traceback.print_exc()
-            check(checks.__name__, False)
+        yield from check_all(checks(), checks.__name__)
 
 
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        with in_view():
-            bpy.ops.wm.quit_blender()
-    return pause
-
-
-bpy.context.preferences.view.show_splash = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+start(steps())

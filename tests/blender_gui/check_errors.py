@@ -8,24 +8,23 @@ and at last how many failed.
 """
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import FAILED, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+
 SCENE_FILE = bpy.data.filepath
 PICTURES = Path(os.environ["PICTURES"]) if "PICTURES" in os.environ else None
 TICK_SECONDS = 0.05
-GIVE_UP_SECONDS = 300.0
 WIDTH, BAR_HEIGHT, COLORS = 700, 24, 96
-FAILED: list[str] = []
 
 
 def check(name: str, holds: object) -> None:
@@ -36,34 +35,8 @@ def check(name: str, holds: object) -> None:
         FAILED.append(name)
 
 
-def state():
-    return bpy.context.window_manager.leaflight_state
-
-
 def chosen():
     return bpy.context.scene.leaflight
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def view():
-    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
-
-
-def region_of(area, kind: str = "WINDOW"):
-    return next(region for region in area.regions if region.type == kind)
-
-
-def in_view():
-    return bpy.context.temp_override(window=window(), area=view(), region=region_of(view()))
-
-
-def wait(condition: Callable[[], object]) -> Iterator[float]:
-    give_up = time.monotonic() + GIVE_UP_SECONDS
-    while not condition() and time.monotonic() < give_up:
-        yield TICK_SECONDS
 
 
 def addon_module(name: str):
@@ -93,13 +66,6 @@ def press_bake() -> Iterator[float]:
     for value in ("PRESS", "RELEASE"):
         window().event_simulate(type="F6", value=value, **at)
     yield 0.5
-
-
-def settle(seconds: float = 1.5) -> Iterator[float]:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        view().tag_redraw()
-        yield 0.2
 
 
 def picture(name: str, height: int = 310) -> Iterator[float]:
@@ -343,23 +309,8 @@ def steps() -> Iterator[float]:
             traceback.print_exc()
             check(part.__name__, False)
     keys.keymap_items.remove(key)
-    print(f"{len(FAILED)} FAILED", flush=True)
-
-
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        bpy.ops.wm.quit_blender()
-    return pause
 
 
 if PICTURES is not None:
-    if not shutil.which("import"):
-        raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
-    PICTURES.mkdir(parents=True, exist_ok=True)
-bpy.context.preferences.view.show_splash = False
-bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+    make_pictures_folder(PICTURES)
+start(steps())

@@ -8,14 +8,17 @@ at last how many failed.
 
 import os
 import subprocess
+import sys
 import tempfile
 import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import check, check_all, in_view, start, view, wait, window
 
 FOLDER = Path(tempfile.mkdtemp(prefix="leaflight_views_"))
 # Not Cycles: there a good bake looks as the scene itself does; tests/blender/test_materials_write.py renders that.
@@ -25,32 +28,6 @@ ALIKE = 0.02  # mean difference of two pictures of one view, of 1
 OTHER = 0.04
 STILL = 0.002
 TRIES = 15
-GIVE_UP_SECONDS = 120.0
-FAILED: list[str] = []
-
-
-def check(name: str, holds: object) -> None:
-    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
-    if not holds:
-        FAILED.append(name)
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def view():
-    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
-
-
-def in_view():
-    return bpy.context.temp_override(window=window(), area=view(), region=next(r for r in view().regions if r.type == "WINDOW"))
-
-
-def wait(condition: Callable[[], object]) -> Iterator[float]:
-    give_up = time.monotonic() + GIVE_UP_SECONDS
-    while not condition() and time.monotonic() < give_up:
-        yield 0.05
 
 
 def shade(kind: str) -> None:
@@ -137,23 +114,7 @@ def steps() -> Iterator[float]:
         yield 4.0  # shaders compile
         yield from picture("before")
         for main_pass, materials in (("combined", "SHOW"), ("lighting", "SHOW"), ("combined", "NODES")):
-            try:
-                yield from check_mode(kind, main_pass, materials)
-            except Exception:
-                traceback.print_exc()
-                check(f"{kind} {main_pass} {materials}", False)
-    print(f"{len(FAILED)} FAILED", flush=True)
+            yield from check_all(check_mode(kind, main_pass, materials), f"{kind} {main_pass} {materials}")
 
 
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        bpy.ops.wm.quit_blender()
-    return pause
-
-
-bpy.context.preferences.view.show_splash = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+start(steps())

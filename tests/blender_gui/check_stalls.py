@@ -12,39 +12,19 @@ import os
 import sys
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import check, check_all, in_view, start, state, wait, window
+
 MOST_S = 0.35
 ONLY, WHOLE = os.environ.get("ONLY", ""), "WHOLE" in os.environ
 TICK_SECONDS = 0.005
-GIVE_UP_SECONDS = 200.0
 CUBES, SIDE = 2000, 501
-FAILED: list[str] = []
-
-
-def check(name: str, holds: object) -> None:
-    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
-    if not holds:
-        print(f"      error {state().error!r}, stage {state().stage!r}", flush=True)
-        FAILED.append(name)
-
-
-def state():
-    return bpy.context.window_manager.leaflight_state
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def in_view():
-    area = next(area for area in window().screen.areas if area.type == "VIEW_3D")
-    return bpy.context.temp_override(window=window(), area=area, region=next(r for r in area.regions if r.type == "WINDOW"))
 
 
 class Gaps:
@@ -95,12 +75,6 @@ def press_bake() -> None:
     chosen.size, chosen.error, chosen.output = 512, 0.2, tempfile.mkdtemp(prefix="leaflight_images_")
     with in_view():
         bpy.ops.leaflight.bake("INVOKE_DEFAULT")
-
-
-def wait(condition: Callable[[], object]) -> Iterator[float]:
-    give_up = time.monotonic() + GIVE_UP_SECONDS
-    while not condition() and time.monotonic() < give_up:
-        yield TICK_SECONDS
 
 
 def is_reading() -> bool:
@@ -251,24 +225,7 @@ def list_checks() -> list[Callable[[], Iterator[float]]]:
 
 def steps() -> Iterator[float]:
     for checks in list_checks():
-        try:
-            yield from checks()
-        except Exception:
-            traceback.print_exc()
-            check("a fault of the script", False)
-    print(f"{len(FAILED)} FAILED", flush=True)
+        yield from check_all(checks(), "a fault of the script")
 
 
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        bpy.ops.wm.quit_blender()
-    return pause
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+start(steps())

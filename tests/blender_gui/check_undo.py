@@ -9,65 +9,26 @@ Prints a line for each check, and at last how many failed.
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import check, check_all, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+
 PICTURES = Path(os.environ.get("UNDO") or tempfile.mkdtemp(prefix="leaflight_undo_"))
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_undo_file_")) / "room.blend"
 TICK_SECONDS = 0.1
-GIVE_UP_SECONDS = 300.0
 SAME, OTHER = 0.015, 0.025  # difference (RMSE, of 1) of two pictures of one thing, less or more smooth yet, and of two things
-FAILED: list[str] = []
-
-
-def check(name: str, holds: object) -> None:
-    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
-    if not holds:
-        FAILED.append(name)
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def view():
-    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
-
-
-def region(kind: str):
-    return next(region for region in view().regions if region.type == kind)
-
-
-def in_view():
-    return bpy.context.temp_override(window=window(), area=view(), region=region("WINDOW"))
-
-
-def state():
-    return bpy.context.window_manager.leaflight_state
 
 
 def changes() -> list[str]:
     watch = bpy.context.window_manager.leaflight_changes
     return watch.names if not watch.stale else ["not looked at yet"]
-
-
-def settle(seconds: float = 2.0) -> Iterator[float]:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        for area in window().screen.areas:
-            area.tag_redraw()
-        yield 0.2
-
-
-def wait(condition: Callable[[], object], seconds: float = GIVE_UP_SECONDS) -> Iterator[float]:
-    give_up = time.monotonic() + seconds
-    while not condition() and time.monotonic() < give_up:
-        yield TICK_SECONDS
 
 
 def press_keys(kind: str, **held: bool) -> Iterator[float]:
@@ -93,7 +54,7 @@ def take_picture(name: str) -> Iterator[float]:
 
 def compare(first: str, second: str) -> float:
     """Difference of the parts of two pictures that show the room: no header, no panels."""
-    area, side = view(), region("UI").width
+    area, side = view(), region_of(view(), "UI").width
     crop = f"{area.width - side - 160}x{area.height - 260}+80+130"
     parts = [PICTURES / f"part_{k}.png" for k in range(2)]
     for name, part in zip((first, second), parts, strict=True):
@@ -118,7 +79,7 @@ def bake(size: int) -> Iterator[float]:
 def open_tab() -> Iterator[float]:
     view().spaces.active.show_region_ui = True
     yield 1.0  # the sidebar must be drawn once before its tab can be chosen
-    region("UI").active_panel_category = "Leaflight"
+    region_of(view(), "UI").active_panel_category = "Leaflight"
     yield from settle()
 
 
@@ -183,27 +144,5 @@ def lose_the_images() -> Iterator[float]:
     check("and the panel says why", "leaflight_missing" in bpy.context.scene)
 
 
-def steps() -> Iterator[float]:
-    try:
-        yield from walk()
-    except Exception:
-        traceback.print_exc()
-        FAILED.append("the checks came to their end")
-    print(f"FAILED {len(FAILED)}", flush=True)
-
-
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        bpy.ops.wm.quit_blender()
-    return pause
-
-
-if not shutil.which("import"):
-    raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
-PICTURES.mkdir(parents=True, exist_ok=True)
-bpy.context.preferences.view.show_splash = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+make_pictures_folder(PICTURES)
+start(check_all(walk(), "the checks came to their end"))

@@ -7,62 +7,27 @@ Those of errors are check_errors.py's. PARTS names some of the parts below, defa
 """
 
 import os
-import shutil
 import subprocess
+import sys
 import tempfile
-import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import area_of, check_all, in_view, make_pictures_folder, region_of, settle, start, state, wait, window
+
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
 CHOSEN = os.environ.get("PARTS", "").split()
-GIVE_UP_SECONDS = 400.0
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
 GROUPS = ("quality", "lightmap", "output", "advanced", "research")
 WIDTH, COLORS = 700, 256  # of a picture: small files; with fewer colours, or undithered, light that fades shows bands
 
 
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def area_of(kind: str):
-    return next(area for area in window().screen.areas if area.type == kind)
-
-
-def region_of(area, kind: str = "WINDOW"):
-    return next(region for region in area.regions if region.type == kind)
-
-
-def in_view():
-    area = area_of("VIEW_3D")
-    return bpy.context.temp_override(window=window(), area=area, region=region_of(area))
-
-
-def state():
-    return bpy.context.window_manager.leaflight_state
-
-
 def chosen():
     return bpy.context.scene.leaflight
-
-
-def wait(condition: Callable[[], object]) -> Iterator[float]:
-    give_up = time.monotonic() + GIVE_UP_SECONDS
-    while not condition() and time.monotonic() < give_up:
-        yield TICK_SECONDS
-
-
-def settle(seconds: float = 2.5) -> Iterator[float]:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        for area in window().screen.areas:
-            area.tag_redraw()
-        yield 0.2
 
 
 def take_picture(name: str, x: int, y: int, width: int, height: int, wide: int = WIDTH) -> Iterator[float]:
@@ -332,25 +297,8 @@ def steps() -> Iterator[float]:
     yield from open_tab()
     chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
     for part in (part for part in PARTS if part.__name__.removeprefix("picture_") in CHOSEN or not CHOSEN):
-        try:
-            yield from part()
-        except Exception:
-            traceback.print_exc()
+        yield from check_all(part(), part.__name__)
 
 
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        bpy.ops.wm.quit_blender()
-    return pause
-
-
-if not shutil.which("import"):
-    raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
-PICTURES.mkdir(parents=True, exist_ok=True)
-bpy.context.preferences.view.show_splash = False
-bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+make_pictures_folder(PICTURES)
+start(steps())

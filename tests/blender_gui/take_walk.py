@@ -7,62 +7,21 @@ Prints a line for each thing that a user counts on, and at last how many failed.
 """
 
 import os
-import shutil
 import subprocess
+import sys
 import tempfile
-import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
+sys.path.insert(0, str(Path(__file__).parent))
+from gui_script import check, check_all, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+
 PICTURES = Path(os.environ.get("WALK") or tempfile.mkdtemp(prefix="leaflight_walk_"))
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_walk_file_")) / "My Room.blend"
-GIVE_UP_SECONDS = 400.0
 TICK_SECONDS = 0.1
 WIDTH, COLORS = 640, 96
-FAILED: list[str] = []
-
-
-def check(name: str, holds: object) -> None:
-    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
-    if not holds:
-        FAILED.append(name)
-
-
-def window():
-    return bpy.context.window_manager.windows[0]
-
-
-def view():
-    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
-
-
-def region(kind: str):
-    return next(region for region in view().regions if region.type == kind)
-
-
-def in_view():
-    return bpy.context.temp_override(window=window(), area=view(), region=region("WINDOW"))
-
-
-def state():
-    return bpy.context.window_manager.leaflight_state
-
-
-def settle(seconds: float = 1.5) -> Iterator[float]:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        for area in window().screen.areas:
-            area.tag_redraw()
-        yield 0.2
-
-
-def wait(condition: Callable[[], object]) -> Iterator[float]:
-    give_up = time.monotonic() + GIVE_UP_SECONDS
-    while not condition() and time.monotonic() < give_up:
-        yield TICK_SECONDS
 
 
 def take_picture(name: str, crop: str = "") -> Iterator[float]:
@@ -87,7 +46,7 @@ def press(name: str, *arguments: str, **more: object) -> None:
 def open_tab() -> Iterator[float]:
     view().spaces.active.show_region_ui = True
     yield 1.0  # the sidebar must be drawn once before its tab can be chosen
-    region("UI").active_panel_category = "Leaflight"
+    region_of(view(), "UI").active_panel_category = "Leaflight"
     for cls in ("quality", "lightmap"):  # closed by hand: only the panel Bake is walked through
         panel = getattr(bpy.types, f"LEAFLIGHT_PT_{cls}", None)
         if panel is not None and "DEFAULT_CLOSED" not in getattr(panel, "bl_options", ()):
@@ -111,7 +70,7 @@ def has_bake() -> bool:
 def count_bright() -> int:
     """Colours of the view: the light of a bake has more of them than a flat grey."""
     area, path = view(), Path(tempfile.mkdtemp(prefix="leaflight_colors_")) / "view.png"
-    side = region("UI").width
+    side = region_of(view(), "UI").width
     crop = f"{area.width - side - 100}x{area.height - 200}+{area.x + 50}+{window().height - area.y - area.height + 100}"
     subprocess.run(["import", "-window", "root", "-crop", crop, "+repage", str(path)], check=True)
     found = subprocess.run(["identify", "-format", "%k", str(path)], check=True, capture_output=True, text=True)
@@ -197,27 +156,5 @@ def picture_preferences() -> Iterator[float]:
     yield from take_picture("0_preferences", f"{opened.width}x130+{opened.x}+80")  # without a window manager it stands at the top
 
 
-def steps() -> Iterator[float]:
-    try:
-        yield from walk()
-    except Exception:
-        traceback.print_exc()
-        FAILED.append("the walk came to its end")
-    print(f"FAILED {len(FAILED)}", flush=True)
-
-
-def run() -> float | None:
-    pause = next(SCRIPT, None)
-    if pause is None:
-        bpy.ops.wm.quit_blender()
-    return pause
-
-
-if not shutil.which("import"):
-    raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
-PICTURES.mkdir(parents=True, exist_ok=True)
-bpy.context.preferences.view.show_splash = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(run, first_interval=2.0, persistent=True)
+make_pictures_folder(PICTURES)
+start(check_all(walk(), "the walk came to its end"))
