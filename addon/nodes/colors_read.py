@@ -31,7 +31,8 @@ from .texture_mapping import UV, UvMapping, read_mapping
 FACING: Rgb = (0.5, 0.5, 1.0)  # of a normal map that changes nothing
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
 DIFFUSE, SHADOW = "Is Diffuse Ray", "Is Shadow Ray"
-_SEEN_AS = {DIFFUSE: (DIFFUSE, "Ray Depth", "Diffuse Depth"), SHADOW: (SHADOW, "Ray Depth", "Diffuse Depth")}  # what is 1 then
+_REFLECTED = "Is Reflection Ray"  # of diffuse reflection, too
+_SEEN_AS = {DIFFUSE: (DIFFUSE, _REFLECTED, "Ray Depth", "Diffuse Depth"), SHADOW: (SHADOW, "Ray Depth", "Diffuse Depth")}  # what is 1 then
 REPLACED_BY_GREY = "is replaced by a grey of 0.5"
 
 
@@ -355,7 +356,7 @@ def _read_light_path(reader: ColorReader, port: Port) -> Color:
     name = port.socket.name
     if reader.sky:
         return Color((reader.sky[1].get(name, 0.0),) * 3)
-    if name not in _SEEN_AS:
+    if name not in (*_SEEN_AS, _REFLECTED):
         reader.note(f"{describe(port.node)} is taken as diffuse rays see it")
     return Color(WHITE if name in _SEEN_AS[reader.ray] else BLACK)
 

@@ -31,6 +31,8 @@ from .strands import read_strands
 from .uv_layer import has_room, name_ours
 from .world_read import World, read_world
 
+_OTHER_RAYS = {"glossy": "metal", "transmission": "glass"}  # kinds of rays, and what sends them on
+
 
 @dataclass(frozen=True)
 class ExportedObject:
@@ -131,6 +133,7 @@ class _FoundPiece:
     reason     why it would need a copy, "" where its own mesh carries the lightmap
     has_room   whether that mesh takes another UV layer
     own_size   corners and polygons of the source's own mesh, own_mesh its session_uid; 0 of what is not the source itself
+    unlike     kinds of rays, of _OTHER_RAYS, that see it where diffuse rays do not, or the other way round
     """
 
     worn: WornPiece
@@ -144,6 +147,7 @@ class _FoundPiece:
     own_mesh: int
     casts_shadow: bool
     reflects: bool
+    unlike: tuple[str, ...]
     is_linking: bool
 
 
@@ -164,6 +168,7 @@ class SceneReading:
         self._lights: list[Light] = []
         self._profiles: list[Any] = []
         self._curves: set[str] = set()
+        self._unlike: list[tuple[str, str, bool]] = []  # name, kind of rays of _OTHER_RAYS, and whether diffuse rays see it
 
     def read_images(self, view_layer: Any) -> Steps[None]:
         """Wait for the images that materials show, where there is something better to do meanwhile."""
@@ -238,6 +243,7 @@ class SceneReading:
             world_map=self._world.map,
             profiles=tuple(self._profiles),
         )
+        self._warn_rays(snapshot)
         exported = tuple(entry[0] for entry in self._found)
         warnings = tuple(dict.fromkeys(self._warnings))
         return ExportResult(snapshot, exported, warnings)
@@ -285,6 +291,7 @@ class SceneReading:
                 own_mesh=find_users_mesh(source).session_uid if own else 0,
                 casts_shadow=evaluated.visible_shadow,
                 reflects=evaluated.visible_diffuse,
+                unlike=tuple(name for name in _OTHER_RAYS if getattr(evaluated, f"visible_{name}") != evaluated.visible_diffuse),
                 is_linking=linking is not None and bool(linking.receiver_collection or linking.blocker_collection),
             )
         )
@@ -298,6 +305,7 @@ class SceneReading:
             return
         if found.is_linking:
             self._warn_linking(source, arrays)
+        self._unlike.extend((source, kind, found.reflects) for kind in found.unlike)
         if receives and arrays.is_clear:
             receives, reason = False, ""
             self._warnings.append((source, "light passes through it and none is reflected, so it gets no lightmap"))
@@ -366,6 +374,16 @@ class SceneReading:
     def _warn_linking(self, name: str, arrays: PieceArrays) -> None:
         if any(any(self._materials.readings[index].material.emission_rgb) for index in set(arrays.tri_material.tolist())):
             self._warnings.append((name, "its light linking is left out: what glows lights every object"))
+
+    def _warn_rays(self, snapshot: SceneSnapshot) -> None:
+        """Objects that not all rays see alike, where something in the scene reflects or bends light by rays of that kind."""
+        shines = {"glossy": any(any(one.metal_rgb) for one in snapshot.materials)}
+        shines["transmission"] = any(any(one.glass_rgb) or any(one.glass_mirror_rgb) for one in snapshot.materials)
+        for name, kind, is_seen in self._unlike:
+            what = _OTHER_RAYS[kind]
+            here = f"here {what} sends its light on" if is_seen else f"here {what} does not send its light on either"
+            if shines[kind]:
+                self._warnings.append((name, f"Ray Visibility, {kind.title()}, is taken as Diffuse is: {here}"))
 
     def _warn_faces(self, name: str, arrays: PieceArrays, receives: bool) -> None:
         count = arrays.world.left_out

@@ -77,15 +77,18 @@ class EmittingCells:
 
 
 def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
-    """(material, cells) of every emitting material with area; textured cells of constant radiance are a separate entry."""
+    """(material, cells) of every emitting material with area, on objects that other surfaces see; textured cells of constant radiance are a
+    separate entry.
+    """
     emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
     if not emitting:
         return []
     position = snapshot.tri_position
     area = triangle_normals_areas(position)[1]
+    lights_others = (area > 0) & np.array([one.reflects for one in snapshot.objects], bool)[snapshot.tri_object]
     found = []
     for index in emitting:
-        tri = np.flatnonzero((snapshot.tri_material == index) & (area > 0))
+        tri = np.flatnonzero((snapshot.tri_material == index) & lights_others)
         if len(tri):
             owner, part, part_area = cut_slender(position[tri], area[tri])
             every = _cut_cells(snapshot, surfaces, index, tri[owner], part if len(owner) > len(tri) else None, part_area)

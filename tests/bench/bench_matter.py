@@ -18,8 +18,9 @@ from light_scenes import SCENES as LIGHT_SCENES
 from lightmap_errors import LightmapErrors, measure_errors
 from matter_scenes import CAUSTICS, FLOOR, NOISY, WITHOUT_CAUSTICS
 from matter_scenes import SCENES as MATTER_SCENES
+from ray_scenes import SCENES as RAY_SCENES
 
-SCENES = {**LIGHT_SCENES, **MATTER_SCENES}
+SCENES = {**LIGHT_SCENES, **MATTER_SCENES, **RAY_SCENES}
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
 _MEAN_TARGET, _NRMSE_TARGET = 0.01, 0.04
@@ -53,6 +54,10 @@ where it arrives.
 
 A material may let shadow rays pass and be glass for all others. That stands in for light that refracts: shadow rays bring it, and no
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.
+
+Materials and *Ray Visibility* count for diffuse rays and for shadow rays apart. Where metal or glass is in the scene and an object, or a
+Light Path node, makes a difference for glossy or transmission rays, a warning names it: these rays see then what diffuse rays do. What
+glows by *Is Diffuse Ray* Cycles sees in two ways, for its own rays toward lamps carry no kind; Leaflight has it as diffuse rays see it.
 
 | scene | mean | nrmse | |
 | --- | --- | --- | --- |

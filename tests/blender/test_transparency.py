@@ -130,3 +130,24 @@ def test_objects_that_some_rays_do_not_see_let_them_pass(flags, expected):
     exported = tree.wear(tree.add("BsdfDiffuse"), **flags)
     assert (passes(exported, True)[0], passes(exported, False)[0]) == expected
     assert all(one.receives for one in exported.snapshot.objects)
+
+
+@pytest.mark.parametrize(("output", "expected"), [("Is Reflection Ray", (1, 0)), ("Is Camera Ray", (0, 0))])
+def test_diffuse_rays_are_reflected_and_come_from_no_camera(output, expected):
+    tree = Tree()
+    path = tree.add("LightPath")
+    exported = tree.wear(tree.mix(path.outputs[output], tree.add("BsdfDiffuse"), tree.add("BsdfTransparent")))
+    assert (passes(exported, False)[0], passes(exported, True)[0]) == expected
+
+
+@pytest.mark.parametrize(("shader", "flag", "word"), [("Glossy", "visible_glossy", "metal"), ("Glass", "visible_transmission", "glass")])
+def test_objects_that_mirrors_or_glass_do_not_see_are_named_where_there_are_some(shader, flag, word):
+    tree = Tree()
+    exported = tree.wear(tree.add("BsdfDiffuse"), **{flag: False})
+    assert not exported.warnings
+    other = Tree("Shiny")
+    bpy.data.objects["Floor"].data.materials.append(other.material)
+    other.links.new(other.add(f"Bsdf{shader}").outputs[0], other.output.inputs["Surface"])
+    told = [text for subject, text in export_scene(bpy.context).warnings if subject == "Card" and "Ray Visibility" in text]
+    assert len(told) == 1
+    assert f"here {word} sends its light on" in told[0]

@@ -156,3 +156,9 @@ def test_parts_of_one_radiance_are_joined_for_photons():
     assert joined.mean_rgb.tolist() == [[2.0, 1.0, 0.0]] * 2
     two = replace(cells, mean_rgb=np.where(np.arange(len(cells.tri))[:, None] < 10, 1.0, cells.mean_rgb))
     assert two.join_parts() is two
+
+
+def test_what_other_surfaces_do_not_see_lights_nothing():
+    scene = stars(64)
+    hidden = replace(scene, objects=tuple(replace(one, reflects=False) for one in scene.objects))
+    assert find_emitting_cells(hidden, SurfaceMaterials(hidden)) == []
