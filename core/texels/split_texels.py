@@ -7,7 +7,7 @@ otherwise it would leak to this side's leaf, which may be many texels wide.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 WAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # offsets in columns and rows to the adjacent texels
 OPPOSITE = (2, 3, 0, 1)  # of WAYS
+QUADRANTS = ((0, 1), (2, 1), (2, 3), (0, 3))  # of a texel: the two of WAYS on either side of each, columns first
 _HALF = 0.5  # texels, from the centre to the edge
 
 
@@ -36,16 +37,21 @@ class TexelBorders:
     reach     (4, b) float32, texels: extent from the centre towards each of WAYS; inf without a surface there, and where it is unknown,
               as for partly covered texels, which keep all of their area
     other     (4, b) int32: the entry beyond; -1 without a surface there
+    corner    (4, 2, b) float32, texels: where the corner of a hut or a pillar stands in one of QUADRANTS, extents in columns and rows
+              beyond which it is inside; inf without one
+    diagonal  (4, b) int32: the entry that the inside belongs to, the next one aslant; -1 without a corner
     """
 
     crossed: NDArray[np.bool_]
     entry: Int64
     reach: NDArray[np.float32]
     other: Int32
+    corner: NDArray[np.float32]
+    diagonal: Int32
 
     @classmethod
     def none(cls) -> TexelBorders:
-        return cls(np.zeros(0, bool), np.zeros(0, np.int64), np.zeros((4, 0), np.float32), np.zeros((4, 0), np.int32))
+        return cls(np.zeros(0, bool), np.zeros(0, np.int64), *_no_borders(0))
 
     @classmethod
     def of(cls, n_texel: int, way: Int64, entry: Int64, beyond: Int64, reach: FloatArray) -> TexelBorders:
@@ -53,9 +59,46 @@ class TexelBorders:
         crossed = np.zeros(n_texel, bool)
         crossed[entry] = True
         every, own = np.unique(entry, return_inverse=True)
-        borders = cls(crossed, every, np.full((4, len(every)), np.inf, np.float32), np.full((4, len(every)), -1, np.int32))
+        borders = cls(crossed, every, *_no_borders(len(every)))
         borders.reach[way, own], borders.other[way, own] = reach, beyond
         return borders
+
+    def with_corners(self, quadrant: IntArray, entry: IntArray, extent: FloatArray, diagonal: IntArray) -> TexelBorders:
+        """These, and corners of other things within texels: (m,) each but extent (2, m), as the fields have them."""
+        if not len(entry):
+            return self
+        crossed = self.crossed.copy()
+        crossed[entry] = True
+        every = np.union1d(self.entry, entry)
+        borders = TexelBorders(crossed, every, *_no_borders(len(every)))
+        old, own = np.searchsorted(every, self.entry), np.searchsorted(every, entry)
+        for name in ("reach", "other", "corner", "diagonal"):
+            getattr(borders, name)[..., old] = getattr(self, name)
+        borders.corner[quadrant, :, own], borders.diagonal[quadrant, own] = extent.T, diagonal
+        return borders
+
+    def find_corners(self, beside: Callable[[Int64, tuple[int, int]], Int64]) -> tuple[Int64, Int64, Float64, Int64]:
+        """Arguments of with_corners: texels open to two neighbours each of which a surface parts from the texel aslant.
+
+        Both surfaces then end within the quadrant between them, at the corner of a thing.
+
+        beside   the entries that lie so many columns and rows from entries (m,); -1 where none does, or one that is not covered in full
+        """
+        found: list[tuple[Int64, ...]] = []
+        extents = []
+        for k, (along, across) in enumerate(QUADRANTS):
+            row = np.flatnonzero(self.reach[across] < _HALF)
+            entry = beside(self.entry[row], WAYS[OPPOSITE[along]])
+            second = beside(np.maximum(entry, 0), WAYS[across])
+            is_open = (entry >= 0) & (second >= 0) & self.crossed[second]
+            is_open &= ~self.are_between(along, entry, self.entry[row]) & ~self.are_between(across, entry, second)
+            row, entry, second = row[is_open], entry[is_open], np.searchsorted(self.entry, second[is_open])
+            meet = (self.reach[along, second] < _HALF) & (self.other[along, second] == self.other[across, row])
+            row, entry, second = row[meet], entry[meet], second[meet]
+            found.append((np.full(len(row), k), entry, self.other[across, row].astype(np.int64)))
+            extents.append(np.stack([self.reach[along, second], self.reach[across, row]]).astype(np.float64))
+        quadrant, entry, diagonal = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        return quadrant, entry, np.concatenate(extents, axis=1), diagonal
 
     @classmethod
     def join(cls, parts: Sequence[TexelBorders]) -> TexelBorders:
@@ -65,9 +108,9 @@ class TexelBorders:
             np.concatenate([part.crossed for part in parts]),
             np.concatenate([low + part.entry for low, part in zip(first, parts, strict=True)]),
             np.concatenate([part.reach for part in parts], axis=1),
-            np.concatenate(
-                [np.where(part.other >= 0, low + part.other, np.int32(-1)) for low, part in zip(first, parts, strict=True)], axis=1
-            ),
+            np.concatenate([_number_on(part.other, low) for low, part in zip(first, parts, strict=True)], axis=1),
+            np.concatenate([part.corner for part in parts], axis=2),
+            np.concatenate([_number_on(part.diagonal, low) for low, part in zip(first, parts, strict=True)], axis=1),
         )
 
     def renumber(self, place: Int32) -> TexelBorders:
@@ -75,15 +118,23 @@ class TexelBorders:
         crossed = np.zeros(len(self.crossed), bool)
         crossed[place[self.entry]] = True
         rows = np.argsort(place[self.entry])
-        other = np.where(self.other >= 0, place[self.other], np.int32(-1))[:, rows]
-        return TexelBorders(crossed, place[self.entry[rows]].astype(np.int64), self.reach[:, rows], other)
+        other, diagonal = (np.where(beyond >= 0, place[beyond], np.int32(-1))[:, rows] for beyond in (self.other, self.diagonal))
+        entry = place[self.entry[rows]].astype(np.int64)
+        return TexelBorders(crossed, entry, self.reach[:, rows], other, self.corner[:, :, rows], diagonal)
+
+    @property
+    def are_divided(self) -> NDArray[np.bool_]:
+        """(b,) bool: whether a part of the area is known to lie beyond a surface."""
+        divided: NDArray[np.bool_] = np.isfinite(self.reach).any(axis=0) | (self.diagonal >= 0).any(axis=0)
+        return divided
 
     def see_beyond(self, entry: IntArray, look: float) -> NDArray[np.bool_]:
         """(m,) bool: whether the square of side `look`, texels, around the centre of entries (m,) reaches beyond a surface."""
         found = np.zeros(len(entry), bool)
         if len(self.entry):
             rows = np.flatnonzero(self.crossed[entry])
-            found[rows] = self.reach[:, np.searchsorted(self.entry, entry[rows])].min(axis=0) < 0.5 * look
+            own = np.searchsorted(self.entry, entry[rows])
+            found[rows] = np.minimum(self.reach[:, own].min(axis=0), self.corner[:, :, own].max(axis=1).min(axis=0)) < 0.5 * look
         return found
 
     def are_between(self, way: int, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
@@ -104,15 +155,19 @@ class TexelBorders:
         for k in (1, 3, 0, 2):  # neighbours to the left or right take the texel's area there, those above or below the rest
             x, y = WAYS[k]
             owner = np.where(x * right + y * up > self.reach[k].take(own), self.other[k].take(own), owner)
+        for (along, across), corner, diagonal in zip(QUADRANTS, self.corner, self.diagonal, strict=True):
+            is_inside = (WAYS[along][0] * right > corner[0].take(own)) & (WAYS[across][1] * up > corner[1].take(own))
+            owner = np.where(is_inside, diagonal.take(own), owner)
         found = entry.copy()
         found[rows] = np.where(owner >= 0, owner, entry.take(rows))
         return found
 
     def list_beyond(self, look: float) -> tuple[Int64, Int32, Float64]:
         """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entry there; and its share."""
-        inside = np.maximum(0.5 * look - self.reach.astype(np.float64), 0.0)
-        way, row = np.nonzero(inside)
-        return self.entry[row], self.other[way, row], inside[way, row] / look
+        inside, corner = (np.maximum(0.5 * look - reach.astype(np.float64), 0.0) / look for reach in (self.reach, self.corner))
+        share, beyond = np.concatenate([inside, corner.prod(axis=1)]), np.concatenate([self.other, self.diagonal])
+        way, row = np.nonzero(share)
+        return self.entry[row], beyond[way, row], share[way, row]
 
     def measure(self, degree: int) -> Float64:
         """(M, b) float64: moments of the texels' own areas about their centres, in texels; a whole texel has the area 1."""
@@ -127,14 +182,44 @@ class TexelBorders:
             gained = np.clip(reach[k] - _HALF, 0.0, lost)
             low, high = np.sort([np.full_like(gained, _HALF * (x + y)), (_HALF + gained) * (x + y)], axis=0)
             pieces.append((low, high, -_HALF, _HALF) if x else (-left[beyond], right[beyond], low, high))
-        return np.stack(
+        moments = np.stack(
             [sum(_integrate(x_0, x_1, i) * _integrate(y_0, y_1, j) for x_0, x_1, y_0, y_1 in pieces) for i, j in monomial_exponents(degree)]
         )
+        for (along, across), corner, diagonal in zip(QUADRANTS, self.corner, self.diagonal, strict=True):
+            own = np.flatnonzero(diagonal >= 0)
+            beyond, lost = np.searchsorted(self.entry, diagonal[own]), _HALF - corner[:, own].astype(np.float64)
+            gained = [np.clip(reach[OPPOSITE[way], beyond] - _HALF, 0.0, part) for way, part in zip((along, across), lost, strict=True)]
+            signs = WAYS[along][0], WAYS[across][1]
+            for k, (i, j) in enumerate(monomial_exponents(degree)):
+                sides = zip(signs, lost, gained, (i, j), strict=True)
+                taken = [_between(sign * (_HALF - part), sign * _HALF, power) for sign, part, _, power in sides]
+                sides = zip(signs, lost, gained, (i, j), strict=True)
+                given = [_between(-sign * _HALF, -sign * (_HALF + part), power) for sign, _, part, power in sides]
+                moments[k, own] -= taken[0] * taken[1]
+                np.add.at(moments[k], beyond, given[0] * given[1])
+        return moments
 
 
 def whole_texel(degree: int) -> Float64:
     """(M, 1) float64: moments of a whole texel about its centre."""
     return np.array([[_integrate(-_HALF, _HALF, i) * _integrate(-_HALF, _HALF, j)] for i, j in monomial_exponents(degree)])
+
+
+def _no_borders(count: int) -> tuple[NDArray[np.float32], Int32, NDArray[np.float32], Int32]:
+    """Fields of TexelBorders from `reach` on for so many texels without a surface."""
+    reach, corner = np.full((4, count), np.inf, np.float32), np.full((4, 2, count), np.inf, np.float32)
+    return reach, np.full((4, count), -1, np.int32), corner, np.full((4, count), -1, np.int32)
+
+
+def _number_on(entry: Int32, first: int) -> Int32:
+    """Entries, -1 for none, of a part that begins with entry `first` of all."""
+    out: Int32 = np.where(entry >= 0, first + entry, np.int32(-1)).astype(np.int32)
+    return out
+
+
+def _between(one: FloatArray | float, other: FloatArray | float, power: int) -> Float64:
+    """Integral of x^power between two ends in any order."""
+    return _integrate(np.minimum(one, other), np.maximum(one, other), power)
 
 
 def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) -> Float64:
@@ -147,12 +232,17 @@ def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda shar
     """The map with borders and the areas and moments that follow, the areas in place; reports the share that is done."""
     if not len(borders.entry):
         return texels
-    shares = np.isfinite(borders.reach).any(axis=0)
+    shares = borders.are_divided
     entry = borders.entry[shares]
     moments = borders.measure(texels.degree)[:, shares] * texels.texel_area[entry]
     say(0.1)
     texels.texel_area[entry] = moments[0]
     excess = moments - whole_texel(texels.degree) * moments[0]
+    row = np.searchsorted(texels.part_entry, entry)
+    is_part = np.append(texels.part_entry, -1)[row] == entry  # of several triangles, but as even as one
+    part_moments = texels.part_moments.copy()
+    part_moments[row[is_part]] = excess.T[is_part]
+    entry, excess = entry[~is_part], excess[:, ~is_part]
     every = np.concatenate([texels.part_entry, entry])
     order = np.argsort(every)
     say(0.2)
@@ -161,7 +251,7 @@ def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda shar
     say(0.4)
     point = np.concatenate([texels.part_point, np.zeros((len(entry), 2))])[order]
     say(0.6)
-    moments = np.concatenate([texels.part_moments, excess.T])[order]
+    moments = np.concatenate([part_moments, excess.T])[order]
     say(0.9)
     return dataclasses.replace(
         texels,

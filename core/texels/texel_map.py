@@ -18,6 +18,7 @@ from .texel_moments import EvenSquares, PartMoments
 
 CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28
 LOOK = 0.5  # side of a texel's footprint, a square around its centre
+_EVEN = 1e-3  # relative difference of areas up to which a texel of several triangles is as even as one of one
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,18 @@ class TexelMap:
         keys <<= CHART_SHIFT
         keys |= self.texel_code[entry]
         return keys
+
+    def are_covered(self) -> NDArray[np.bool_]:
+        """(n,) bool: entries that their chart covers in full and evenly, be it by several triangles."""
+        covered = np.ones(len(self), bool)
+        first, tri = self.part_entry, self.pair_tri[self.pair_start[0] : self.pair_start[-1]]
+        density = self.tri_density[self.texel_tri[first]]
+        part = np.repeat(np.arange(len(first)), np.diff(self.pair_start))
+        is_uneven = np.abs(self.tri_density[tri] - density[part]) > _EVEN * density[part]
+        is_uneven = np.bincount(part, is_uneven, len(first)) > 0
+        is_uneven |= np.abs(self.texel_area[first] - density) > _EVEN * density
+        covered[first] = ~(is_uneven | self.part_point.any(axis=1))
+        return covered
 
     def _parts(self) -> Iterator[Int64]:
         """All entries in chunks whose intermediate arrays fit the cache."""

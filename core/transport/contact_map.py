@@ -101,12 +101,22 @@ class _Patches:
 
         out   (j,) int64 twice
         """
-        own, code = self.key[rows], (1 << CHART_SHIFT) - 1
-        key = own & ~code
-        key |= step_codes(own & code, *step)
-        other = np.searchsorted(self.key, key, side="right") - 1
-        found = np.flatnonzero((other >= 0) & (key < self.key[other] + self.size[other]))
+        _, other = self._find(self.key[rows], step)
+        found = np.flatnonzero(other >= 0)
         return rows[found], other[found]
+
+    def find_entries(self, key: _Int64, step: tuple[int, int]) -> _Int64:
+        """The entries that lie so many columns and rows from those of keys (m,) in their charts, -1 for none."""
+        beside, patch = self._find(key, step)
+        return np.where(patch >= 0, self.start[patch] + beside - self.key[patch], -1)
+
+    def _find(self, key: _Int64, step: tuple[int, int]) -> tuple[_Int64, _Int64]:
+        """(m,) twice: the keys of the texels so many columns and rows from those of keys (m,), and the patches that have them, or -1."""
+        code = (1 << CHART_SHIFT) - 1
+        beside = key & ~code
+        beside |= step_codes(key & code, *step)
+        patch = np.searchsorted(self.key, beside, side="right") - 1
+        return beside, np.where((patch >= 0) & (beside < self.key[patch] + self.size[patch]), patch, -1)
 
 
 def _number_on(first: Sequence[int], parts: Sequence[_Int64]) -> _Int64:
@@ -194,9 +204,8 @@ def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
     patches = _Patches(looks.start, looks.size, texels.list_keys(looks.start))
     joined, singles = _pair_up(patches, lambda share: say(0.1 + 0.5 * share))
     say(0.6)
-    is_whole = np.ones(len(looks.touched), bool)
-    is_whole[texels.part_entry] = False
-    is_whole = is_whole[looks.start]
+    is_covered = texels.are_covered()
+    is_whole = is_covered[looks.start]
     between, rising = _find_between(around, looks, singles, is_whole)
     open_ways, closed = singles.take(~between), singles.take(between)
     say(0.8)
@@ -206,6 +215,12 @@ def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
     closed = closed.both_ways()
     reach = np.where(is_whole[closed.here] & is_whole[closed.other], looks.distance[closed.way, closed.here], np.float32(np.inf))
     borders = TexelBorders.of(len(looks.touched), closed.way, looks.start[closed.here], looks.start[closed.other], reach)
+
+    def find_beside(entry: _Int64, step: tuple[int, int]) -> _Int64:
+        beside = patches.find_entries(texels.list_keys(entry), step)
+        return np.where((beside >= 0) & is_covered[beside], beside, -1)
+
+    borders = borders.with_corners(*borders.find_corners(find_beside))
     return ContactMap(looks.touched, rising, patches, piece, whole, borders)
 
 

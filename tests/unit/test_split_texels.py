@@ -55,6 +55,37 @@ def test_moments_are_those_of_what_counts_for_a_texel(walls):
     assert np.abs(measured - whole_texel(2)).max() > 0.1
 
 
+@pytest.mark.parametrize(
+    ("quadrant", "walls", "entry", "diagonal"),
+    [(0, [(1, 1, 0.2, 0.8), (3, 0, 0.3, 0.7)], 0, 4), (2, [(7, 3, 0.1, 0.9), (5, 2, 0.4, 0.6)], 8, 4)],
+)
+def test_a_corner_takes_what_lies_within_both_walls(quadrant, walls, entry, diagonal):
+    borders = borders_of(*walls)
+
+    def beside(entries, step):
+        row, column = np.divmod(entries, COLUMNS)
+        column, row = column + step[0], row + step[1]
+        return np.where((np.minimum(row, column) >= 0) & (np.maximum(row, column) < COLUMNS), row * COLUMNS + column, -1)
+
+    corners = borders.find_corners(beside)
+    assert [corners[0].tolist(), corners[1].tolist(), corners[3].tolist()] == [[quadrant], [entry], [diagonal]]
+    borders = borders.with_corners(*corners)
+    found, measured = count(borders, 2), borders.measure(2)
+    np.testing.assert_allclose(found, measured, atol=4 * np.sqrt(COLUMNS**2 / 400_000))
+    assert measured[0].sum() < len(borders.entry) + 1e-6
+    own = np.searchsorted(borders.entry, entry)
+    lost = (0.5 - corners[2]).prod()
+    assert measured[0, own] == pytest.approx(1 - lost, rel=1e-6)
+    assert borders.see_beyond(np.array([entry]), 1.0).tolist() == [True]
+    shared = [share for one, other, share in zip(*borders.list_beyond(1.0), strict=True) if (one, other) == (entry, diagonal)]
+    assert shared == pytest.approx([lost])
+    place = np.random.default_rng(1).permutation(COLUMNS**2).astype(np.int32)
+    turned = borders.renumber(place)
+    own = np.searchsorted(turned.entry, place[entry])
+    assert turned.diagonal[quadrant, own] == place[diagonal]
+    np.testing.assert_array_equal(turned.corner[quadrant, :, own], corners[2][:, 0].astype(np.float32))
+
+
 def test_what_lies_below_a_thick_wall_is_nobody_s_area():
     """Its light is the next texel's, where a photon gets there."""
     borders = borders_of((4, 0, 0.2, 0.5))
