@@ -23,6 +23,7 @@ from .export_pieces import COLLECTION, CURVE, OWN, STRANDS, Piece, PieceKey, wal
 from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing, repeats_layer
 from .lamp_profile import ProfileTable
 from .left_out import warn_left_out
+from .light_linking import Linking, read_linking
 from .lights_read import PendingLight, read_lamp
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
@@ -133,6 +134,7 @@ class _FoundPiece:
     reason     why it would need a copy, "" where its own mesh carries the lightmap
     has_room   whether that mesh takes another UV layer
     own_size   corners and polygons of the source's own mesh, own_mesh its session_uid; 0 of what is not the source itself
+    original_uid   session_uid of what it is an instance of, or of the source itself
     unlike     kinds of rays, of _OTHER_RAYS, that see it where diffuse rays do not, or the other way round
     """
 
@@ -145,6 +147,7 @@ class _FoundPiece:
     has_room: bool
     own_size: tuple[int, int]
     own_mesh: int
+    original_uid: int
     casts_shadow: bool
     reflects: bool
     unlike: tuple[str, ...]
@@ -164,10 +167,11 @@ class SceneReading:
         self._names: set[str] = set()
         self._pieces: list[_FoundPiece] = []
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
-        self._lamps: list[Light | PendingLight] = []
-        self._lights: list[Light] = []
+        self._lamps: list[tuple[Light | PendingLight, Linking]] = []
+        self._lights: list[tuple[Light, Linking]] = []
         self._profiles: list[Any] = []
         self._curves: set[str] = set()
+        self._original_uid: dict[str, int] = {}  # by the object's name in the snapshot: of what it is an instance of
         self._unlike: list[tuple[str, str, bool]] = []  # name, kind of rays of _OTHER_RAYS, and whether diffuse rays see it
 
     def read_images(self, view_layer: Any) -> Steps[None]:
@@ -211,9 +215,10 @@ class SceneReading:
     def resolve_lights(self, world: World, profiles: ProfileTable) -> None:
         """The last that needs Blender: lamps whose light differs by direction."""
         self._world, lights = world, []
-        for found in self._lamps:
-            lights += found.resolve(profiles, self._warnings) if isinstance(found, PendingLight) else [found]
-        self._lights = [*sorted(lights, key=lambda light: (light.name, light.position_m)), *world.suns]
+        for found, linking in self._lamps:
+            parts = found.resolve(profiles, self._warnings) if isinstance(found, PendingLight) else [found]
+            lights += [(light, linking) for light in parts]
+        self._lights = sorted(lights, key=lambda entry: (entry[0].name, entry[0].position_m))
         self._profiles = profiles.maps
 
     def arrange(self) -> Steps[ExportResult]:
@@ -226,6 +231,7 @@ class SceneReading:
         self._check_receivers()
         self._found.sort(key=lambda entry: entry[0].name)
         users = Counter(mesh_uid for *_, mesh_uid in self._found)
+        uids = [(one.uid, self._original_uid[one.name]) for one, *_ in self._found]
         number: dict[int, int] = {}  # not Blender's own, which another session would count otherwise
         for *_, uid in self._found:
             if uid and users[uid] > 1:
@@ -238,7 +244,7 @@ class SceneReading:
             objects=scene_objects,
             materials=tuple(reading.material for reading in self._materials.readings),
             images=tuple(self._materials.images.images),
-            lights=tuple(self._lights),
+            lights=(*(linking.link(light, uids) for light, linking in self._lights), *self._world.suns),
             world_rgb=self._world.rgb,
             world_map=self._world.map,
             profiles=tuple(self._profiles),
@@ -259,7 +265,7 @@ class SceneReading:
             return
         if evaluated.type == "LIGHT":
             light = read_lamp(evaluated, piece.matrix, evaluated.original.name, self._warnings)
-            self._lamps.extend([light] if light else [])
+            self._lamps.extend([(light, read_linking(evaluated.original))] if light else [])
             return
         if piece.kind == CURVE:
             self._curves.add(source.name)
@@ -289,6 +295,7 @@ class SceneReading:
                 has_room=not receives or has_room(source.data if own else evaluated.data),
                 own_size=(len(source.data.loops), len(source.data.polygons)) if own else (0, 0),
                 own_mesh=find_users_mesh(source).session_uid if own else 0,
+                original_uid=evaluated.original.session_uid,
                 casts_shadow=evaluated.visible_shadow,
                 reflects=evaluated.visible_diffuse,
                 unlike=tuple(name for name in _OTHER_RAYS if getattr(evaluated, f"visible_{name}") != evaluated.visible_diffuse),
@@ -313,6 +320,7 @@ class SceneReading:
             receives, reason = False, ""
             self._warnings.append((source, NO_ROOM))
         name, own_mesh = self._make_unique(found.name), found.exported.kind == OWN and not reason
+        self._original_uid[name] = found.original_uid
         exported = replace(found.exported, name=name, needs_copy=bool(reason), reason=reason)
         if own_mesh:
             exported = replace(exported, n_corner=found.own_size[0], n_polygon=found.own_size[1])

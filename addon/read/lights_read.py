@@ -71,14 +71,15 @@ def read_lamp(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> Li
 
 
 def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emission: Rgb | None = None) -> Light | None:
-    """The light of an evaluated light object; None where it gives no light to diffuse surfaces.
+    """The light of an evaluated light object; None where it gives none.
 
     matrix     (4, 4) float, object to world
     emission   what its nodes and cone let out on average, of a lamp that has a profile; it then is a point; None to read them
     """
     data = obj.data
     matrix = np.asarray(matrix, np.float64)
-    if not obj.visible_diffuse or (data.type == "AREA" and data.cycles.is_portal):
+    seen_by = obj.visible_diffuse, obj.visible_glossy, obj.visible_transmission
+    if not any(seen_by) or (data.type == "AREA" and data.cycles.is_portal):
         return None
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     size = _area_size(data, scale)
@@ -93,8 +94,6 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emis
         return None
     if max(power_rgb) <= 0.0:
         return None
-    if obj.light_linking.receiver_collection or obj.light_linking.blocker_collection:
-        warnings.append((name, "the light's linking is left out: it lights every object"))
     if data.cycles.max_bounces < _ANY_BOUNCES:
         warnings.append((name, f"the light's Max Bounces ({data.cycles.max_bounces}) is left out: its light bounces as often as all light"))
     light = Light(
@@ -104,6 +103,7 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emis
         rotation=_find_axes(matrix),
         power_rgb=power_rgb,
         casts_shadow=data.use_shadow,
+        seen_by=seen_by,
     )
     if data.type == "AREA":
         shape = "ELLIPSE" if data.shape in _ELLIPSES else "RECTANGLE"

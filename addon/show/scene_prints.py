@@ -16,6 +16,7 @@ import numpy as np
 
 from ..nodes.mesh_arrays import read_corner_vertices, read_faces, read_positions
 from ..read import baked_copies
+from ..read.light_linking import list_linked
 from ..read.object_settings import IGNORE, read_choice
 from ..read.render_levels import find_render_objects
 from ..read.uv_layer import layer_name
@@ -140,7 +141,9 @@ def _read_object(obj: bpy.types.Object, meshes: dict[int, str]) -> tuple[Any, ..
         (modifier.type, modifier.show_render, _read_modifier(modifier), _read_place(getattr(modifier, "object", None)))
         for modifier in obj.modifiers
     ]
-    looks = [getattr(obj, name) for name in _LOOKS]
+    looks: list[Any] = [getattr(obj, name) for name in _LOOKS]
+    if obj.type == "LIGHT":
+        looks += [obj.visible_glossy, obj.visible_transmission, list_linked(obj)]
     return (obj.type, place, looks, slots, modifiers, choice, _read_data(obj, meshes))
 
 

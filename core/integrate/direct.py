@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,13 @@ from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.environment_table import EnvironmentTable
 from ..lights.lamp_crowd import LampCrowd, RestOfCrowd
+from ..lights.light_links import DIFFUSE, LightLinks
 from ..lights.sky_openings import Openings
 from ..lights.stratified_choice import Demand, Span
 from ..scene.materials import SurfaceMaterials
+from ..scene.rays import RayScene
 from ..scene.scene import SceneSnapshot
-from ..scene.shadow_rays import ShadowRays
+from ..scene.shadow_rays import ShadowRays, collapse
 from ..texels.texel_footprint import TexelLooks
 from ..texels.tiles import Tiles
 from ..util.ablation import uses
@@ -51,13 +53,16 @@ class DirectScene:
     pool: EmitterPool | None
     tri_two_sided: NDArray[np.bool_]
     environment: EnvironmentTable | None = None
+    linked: tuple[_LinkedSource, ...] = ()  # some of the sources
 
     @classmethod
     def of(
         cls, rays: ShadowRays, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
     ) -> DirectScene:
         receiving = ReceivingSurfaces.of(snapshot, unit_box)
-        lamps, suns, world = make_lamps(snapshot, unit_box), make_suns(snapshot), make_world(snapshot)
+        links = LightLinks.of(snapshot)
+        plain = [light for light, row in zip(snapshot.lights, links.of_light, strict=True) if row < 0]
+        lamps, suns, world = make_lamps(snapshot, unit_box, plain), make_suns(snapshot, plain), make_world(snapshot)
         crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS and uses("lamp_crowd") else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
         groups = [cells for _, cells in meshes.by_material]
@@ -72,11 +77,47 @@ class DirectScene:
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         sky = usable_environment(snapshot)
         table = None if sky is None else EnvironmentTable.of(sky)
-        return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table)
+        linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links))
+        sources += [one.source for one in linked]
+        return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table, linked)
 
     def rays_to(self, source: Source) -> ShadowRays:
         """Those that find what hides a source."""
-        return self.sky_rays if isinstance(source, WorldSource) else self.rays
+        own = next((one.rays for one in self.linked if one.source is source), self.rays)
+        return self.sky_rays if isinstance(source, WorldSource) else own
+
+    def find_unlit(self, source: Source, tri: IntArray) -> NDArray[np.bool_] | None:
+        """(n,) bool: which triangles (n,) a source does not light whatever stands between; None where it lights all."""
+        own = next((one.tri_lit for one in self.linked if one.source is source), None)
+        return None if own is None else ~own[tri]
+
+
+@dataclass(frozen=True)
+class _LinkedSource:
+    """A lamp of LightLinks, with the shadow rays that find what hides it, and the triangles (n_tri,) that it lights."""
+
+    source: Source
+    rays: ShadowRays
+    tri_lit: NDArray[np.bool_]
+
+
+def _link_sources(
+    rays: ShadowRays,
+    snapshot: SceneSnapshot,
+    unit_box: UnitBox,
+    surfaces: SurfaceMaterials,
+    receiving: ReceivingSurfaces,
+    links: LightLinks,
+) -> Iterator[_LinkedSource]:
+    """Those that diffuse surfaces see."""
+    for row in np.flatnonzero(links.seen_by[DIFFUSE]):
+        lights = [light for light, own in zip(snapshot.lights, links.of_light, strict=True) if own == row]
+        blocks, own_rays = links.blocks[row], rays
+        if not blocks.all():
+            left = collapse(receiving.corner_unit, blocks)
+            own_rays = ShadowRays.of(RayScene(left), surfaces, left, np.ascontiguousarray(receiving.normal.T))
+        for source in (*make_lamps(snapshot, unit_box, lights), *make_suns(snapshot, lights)):
+            yield _LinkedSource(source, own_rays, links.lit[row])
 
 
 @dataclass(frozen=True)
@@ -209,12 +250,14 @@ class _LookingChunk:
         """Light settled by flat tiles, and an empty tally, or openings, for texels that sample the source themselves."""
         chunk, demand, rng = self._chunk, self._demand, self._rng
         look = look_from_tiles(self._scene.rays_to(source), chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
-        lit, off = (np.where(look.lit, values, 0.0) for values in (look.closed, look.off))
+        unlit = self._scene.find_unlit(source, chunk.tri)
+        unlit = np.zeros(len(chunk), bool) if unlit is None else unlit
+        lit, off = (np.where(look.lit & ~unlit, values, 0.0) for values in (look.closed, look.off))
         for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
             self._shared[:, channel] += lit * power
             self._variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
-        agreed, given, every = look.lit | look.dark, np.zeros(len(chunk), bool), np.arange(len(chunk))
+        agreed, given, every = look.lit | look.dark | unlit, np.zeros(len(chunk), bool), np.arange(len(chunk))
         if isinstance(source, WorldSource) and uses("openings"):
             level = weigh_channels(self._shared) + self._beside
             few = Openings.find(self._scene.sky_rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)

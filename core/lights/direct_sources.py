@@ -19,17 +19,19 @@ from .emitting_cells import EmittingCells
 from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone
 
 
-def make_lamps(snapshot: SceneSnapshot, unit_box: UnitBox) -> list[Source]:
-    """Sources of one point, spot or area light each, of those with power."""
+def make_lamps(snapshot: SceneSnapshot, unit_box: UnitBox, lights: Iterable[Light] | None = None) -> list[Source]:
+    """Sources of one point, spot or area light each, of those with power among some lights, or all."""
+    every = snapshot.lights if lights is None else lights
     return [
         _make_lamp(light, power, unit_box, snapshot.profiles)
-        for light, power in _usable_lights(light for light in snapshot.lights if light.kind != "SUN")
+        for light, power in _usable_lights(light for light in every if light.kind != "SUN")
     ]
 
 
-def make_suns(snapshot: SceneSnapshot) -> list[Source]:
-    """Sources of one sun each, of those with power."""
-    return [_make_sun(light, power) for light, power in _usable_lights(light for light in snapshot.lights if light.kind == "SUN")]
+def make_suns(snapshot: SceneSnapshot, lights: Iterable[Light] | None = None) -> list[Source]:
+    """Sources of one sun each, as make_lamps."""
+    every = snapshot.lights if lights is None else lights
+    return [_make_sun(light, power) for light, power in _usable_lights(light for light in every if light.kind == "SUN")]
 
 
 def _usable_lights(lights: Iterable[Light]) -> list[tuple[Light, Float64]]:

@@ -20,6 +20,7 @@ from ..util.geometry import UnitBox, locate_hits, offset_origin, orthonormal_bas
 from ..util.sampling import AliasTable, square_to_cosine_hemisphere
 from .emitting_cells import EmittingCells, find_emitting_cells
 from .environment import Environment, EnvironmentEmitter
+from .light_links import LightLinks
 from .lights import Births, Emitter, PointEmitter, make_births, make_light_emitter
 
 _MOST_LOOKED_AROUND = 64  # lamps
@@ -131,12 +132,13 @@ def build_emitters(
     emitters: list[Emitter] = []
     warnings: list[tuple[str, str]] = []
     cover = SceneCover.around(unit_box.to_unit(snapshot.vertex_position[np.unique(snapshot.tri_vertex)]))
-    for light in snapshot.lights:
+    links = LightLinks.of(snapshot)
+    for light, link in zip(snapshot.lights, links.of_light.tolist(), strict=True):
         power, sentence = usable_power(light)
         if sentence:
             warnings.append((light.name, sentence))
         if power.any():
-            emitters.append(make_light_emitter(light, power, unit_box, cover, snapshot.profiles))
+            emitters.append(make_light_emitter(light, power, unit_box, cover, snapshot.profiles, link))
     emitters = _mark_crowded(emitters, unit_box.to_unit(snapshot.tri_position))
     emitters += _mesh_emitters(snapshot, unit_box, surfaces, meshes)
     world = usable_world(snapshot)

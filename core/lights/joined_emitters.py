@@ -18,7 +18,7 @@ from ..util.geometry import gather, take_rows
 from .emitters import WorldEmitter
 from .lights import AreaEmitter, Births, Emitter, PointEmitter
 
-_OWN = ("name", "power_rgb", "casts_shadow")  # fields that say nothing of where and how photons are born
+_OWN = ("name", "power_rgb", "casts_shadow", "link")  # fields that say nothing of where and how photons are born
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class JoinedEmitters:
     crowded        (n_emitter,) bool    of a PointEmitter
     kind           (n_emitter,) int64   of each emitter
     light          (n_emitter,) int64   which of its kind each is
+    link           (n_emitter,) int16   its row of LightLinks, -1 of none
     """
 
     power_rgb: Float64
@@ -61,6 +62,7 @@ class JoinedEmitters:
     kinds: tuple[_Kind, ...]
     kind: NDArray[np.int64]
     light: NDArray[np.int64]
+    link: NDArray[np.int16]
 
     @classmethod
     def of(cls, emitters: Sequence[Emitter]) -> JoinedEmitters:
@@ -75,7 +77,8 @@ class JoinedEmitters:
         sky = np.array([isinstance(emitter, WorldEmitter) for emitter in emitters], bool)
         crowded = np.array([isinstance(emitter, PointEmitter) and emitter.crowded for emitter in emitters], bool)
         kinds = tuple(_Kind.of([emitters[i] for i in numbers]) for numbers in groups.values())
-        return cls(power, casts_shadow, sky, crowded, kinds, kind, light)
+        link = np.array([getattr(emitter, "link", -1) for emitter in emitters], np.int16)
+        return cls(power, casts_shadow, sky, crowded, kinds, kind, light, link)
 
     def __len__(self) -> int:
         return len(self.kind)

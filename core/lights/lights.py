@@ -156,6 +156,7 @@ class PointEmitter:
     soft: bool
     casts_shadow: bool
     crowded: bool = False
+    link: int = -1
 
     def choose_direction(self, u: Float32) -> Float32:
         """(n, 3), unit, for numbers (n, 2)."""
@@ -224,6 +225,7 @@ class AreaEmitter:
     ellipse: bool
     spread_rad: float
     casts_shadow: bool
+    link: int = -1
 
     def emit(self, u: Float32) -> Births:
         place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size.T
@@ -278,6 +280,7 @@ class SunEmitter:
     cover: SceneCover
     mean_outline: float
     casts_shadow: bool
+    link: int = -1
 
     def emit(self, u: Float32) -> Births:
         direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
@@ -288,8 +291,10 @@ class SunEmitter:
         return make_births(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
 
 
-def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover, profiles: Sequence[Float32] = ()) -> Emitter:
-    """The emitter of one of Blender's lights; power_rgb is its power_rgb with only finite numbers >= 0."""
+def make_light_emitter(
+    light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover, profiles: Sequence[Float32] = (), link: int = -1
+) -> Emitter:
+    """The emitter of one of Blender's lights; power_rgb is its power_rgb with only finite numbers >= 0, link its row of LightLinks."""
     axes = np.array(light.rotation, np.float32)[..., None]
     centre = unit_box.to_unit(np.array(light.position_m))[:, None]
     if light.kind == "SUN":
@@ -299,11 +304,11 @@ def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cove
         outline = float(cover.outline_area(turn(square_to_uniform_cone(square, half), axes)).mean())
         # A disk of radiance E / (pi sin^2 half) over 2 pi (1 - cos half) steradians.
         power = power_rgb * (2 / (1 + math.cos(half))) * outline / unit_box.scale**2
-        return SunEmitter(light.name, power, axes, half, cover, outline, light.casts_shadow)
+        return SunEmitter(light.name, power, axes, half, cover, outline, light.casts_shadow, link)
     if light.kind == "AREA":
         half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)[:, None]
         ellipse = light.shape == "ELLIPSE"
-        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, ellipse, light.spread_rad, light.casts_shadow)
+        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, ellipse, light.spread_rad, light.casts_shadow, link)
     cone = SpotCone.of(light)
     radius = np.array([unit_box.to_unit_length(light.radius_m)], np.float32)
     power = power_rgb * (cone.mean_drop / 2)
@@ -312,5 +317,5 @@ def make_light_emitter(light: Light, power_rgb: Float64, unit_box: UnitBox, cove
         profile = profiles[light.profile].astype(np.float64)
         table = CellTable(profile * find_solid_angles(*profile.shape)[:, None])
         soft = light.soft_falloff
-        return ProfileEmitter(light.name, power, centre, axes, drop, blend, radius, soft, light.casts_shadow, table=table)
-    return PointEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, light.casts_shadow)
+        return ProfileEmitter(light.name, power, centre, axes, drop, blend, radius, soft, light.casts_shadow, table=table, link=link)
+    return PointEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, light.casts_shadow, link=link)

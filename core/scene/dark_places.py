@@ -46,7 +46,7 @@ def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
 def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
     """A sentence per lamp or glowing object with the object that encloses it; none if one is free, or there is a sun or sky."""
     snapshot = probe.snapshot
-    lamps = [light for light in snapshot.lights if any(light.power_rgb)]
+    lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
     near = [light for light in lamps if light.kind != "SUN"]
     glowing = np.unique(snapshot.tri_object[probe.find_glowing()])
     if len(near) < len(lamps) or probe.has_sky or len(near) + len(glowing) > _MOST_LAMPS:

@@ -50,7 +50,7 @@ class LightProbe:
         blocks &= ~np.array([_lets_light_pass(one) for one in snapshot.materials], bool)[snapshot.tri_material]
         # Triangles without area are never hit, and so keep their numbers.
         self._rays = RayScene(self.box.to_unit(np.where(blocks[:, None, None], self._corner, self._corner[:, :1])))
-        self._lamps = [light for light in snapshot.lights if any(light.power_rgb)]
+        self._lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
         sky = snapshot.world_map if snapshot.world_map is not None else np.array(snapshot.world_rgb)
         self._sky = float(np.mean(sky)) if np.isfinite(sky).all() else 0.0
         self._rng = np.random.default_rng(seed)

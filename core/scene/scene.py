@@ -132,6 +132,9 @@ class Light:
     spread_rad: float = float(np.pi)  # AREA: pi is Lambertian
     casts_shadow: bool = True
     profile: int = -1  # POINT: index into SceneSnapshot.profiles
+    lights: tuple[int, ...] | None = None  # the objects that it lights, by their numbers; None all
+    blocked_by: tuple[int, ...] | None = None  # the objects that cast its shadows; None all
+    seen_by: tuple[bool, bool, bool] = (True, True, True)  # by diffuse, glossy and transmission rays
 
 
 @dataclass(frozen=True)
@@ -241,6 +244,8 @@ def _first_error(scene: SceneSnapshot) -> str:
     for light in scene.lights:
         if light.profile >= len(scene.profiles):
             return f"{light.name}: names a profile that is not in the snapshot"
+        if any(not 0 <= number < len(scene.objects) for chosen in (light.lights, light.blocked_by) for number in chosen or ()):
+            return f"{light.name}: is linked to an object that is not in the snapshot"
     if not np.isfinite(scene.vertex_position).all():
         return "vertex_position: expected finite coordinates"
     for one in scene.objects:

@@ -35,6 +35,7 @@ class Photons:
     stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
     sky     (n,) bool        newborn: of an even sky; None if none is such
     mirrored   (n,) bool     by all surfaces since they were born; None if none is such
+    link    (n,) int16       newborn: row of LightLinks of their lamp, -1 of none; None if none is such
     """
 
     origin: _Rows
@@ -46,6 +47,7 @@ class Photons:
     stops: Bools | None = None
     sky: Bools | None = None
     mirrored: Bools | None = None
+    link: NDArray[np.int16] | None = None
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,8 @@ def bear_photons(
         born = find_bins(cell, points) if with_bins else None
         origin, direction = (np.ascontiguousarray(vectors.T) for vectors in (births.origin, births.direction))
         sky = emitters.is_even_sky.take(emitter) if emitters.is_even_sky.any() else None
-        yield Photons(origin, direction, flux, soft, born, sky=sky), ~emitters.casts_shadow.take(emitter)
+        link = emitters.link.take(emitter) if (emitters.link >= 0).any() else None
+        yield Photons(origin, direction, flux, soft, born, sky=sky, link=link), ~emitters.casts_shadow.take(emitter)
 
 
 def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:
@@ -149,7 +152,8 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
                 soft[2] = covered
             group = None if photons.group is None else gather(photons.group, place)
             stops.append(np.ones(len(place), bool))
-            parts.append(Photons(origin, direction, gather(photons.flux, place), soft, group))
+            link = None if photons.link is None else gather(photons.link, place)
+            parts.append(Photons(origin, direction, gather(photons.flux, place), soft, group, link=link))
         if not len(hit):
             break
         tri = found.tri[hit]
@@ -165,6 +169,8 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
     )
     if photons.soft is not None:
         photons.soft = np.concatenate([part.soft for part in parts if part.soft is not None], axis=1)
+    if photons.link is not None:
+        photons.link = np.concatenate([part.link for part in parts if part.link is not None])
     if photons.group is not None:
         photons.group = np.concatenate([part.group for part in parts if part.group is not None])
     return traced

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..lights.light_links import LightLinks
 from ..scene.materials import SurfaceMaterials
 from ..scene.shadow_rays import leave_through
 from ..util.arrays import IntArray
@@ -32,10 +33,10 @@ class Passing:
     tri_normal: _Rows
 
     @classmethod
-    def of(cls, surfaces: SurfaceMaterials, tri_frame: _Rows, tri_normal: _Rows) -> Passing | None:
-        """None where nothing lets light pass."""
+    def of(cls, surfaces: SurfaceMaterials, tri_frame: _Rows, tri_normal: _Rows, links: LightLinks) -> Passing | None:
+        """None where nothing lets light pass, nor does that of any lamp."""
         passes = np.stack([surfaces.find_passing(shadow)[0] for shadow in (False, True)])
-        return cls(surfaces, passes, tri_frame, tri_normal) if passes.any() else None
+        return cls(surfaces, passes, tri_frame, tri_normal) if passes.any() or not links.blocks.all() else None
 
     def follow(self, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows) -> tuple[IntArray, _Rows, _Rows]:
         """Rays (3, n) between surfaces that go on through triangles (n,): which (k,), from where (3, k), and the share of light (3, k) that
@@ -63,6 +64,7 @@ class Passing:
         v: _Rows,
         distance: _Rows,
         is_first: bool,
+        is_open: NDArray[np.bool_] | None,
         rng: np.random.Generator,
     ) -> Photons | None:
         """Photons that pass by chance, with flux (3, k) so that all of them carry what passes; None where none does.
@@ -74,11 +76,14 @@ class Passing:
         tri, u, v  (m,) where
         distance   (n,) float32: of all photons
         is_first   they come from their lamp
+        is_open    (m,) bool: of LightLinks; None is none
         """
         of_lamp = np.full(len(tri), is_first)
         if photons.sky is not None:
             of_lamp &= ~gather(photons.sky, hit)
         passes = np.where(of_lamp, gather(self.tri_passes[1], tri), gather(self.tri_passes[0], tri))
+        if is_open is not None:
+            passes = passes | is_open
         place = passes.nonzero()[0]
         if photons.stops is not None:
             place = place[~gather(photons.stops, gather(hit, place))]
@@ -86,7 +91,10 @@ class Passing:
             return None
         tri, u, v, row, of_lamp = (gather(values, place) for values in (tri, u, v, hit, of_lamp))
         flux = gather(photons.flux, row)  # before it is softened: that is done anew at the next surface
-        through = flux * self._share_at(tri, u, v, of_lamp)
+        through = self._share_at(tri, u, v, of_lamp)
+        if is_open is not None:
+            through = np.where(gather(is_open, place), np.float32(1), through)
+        through = flux * through
         chance = through.max(axis=0) / np.maximum(flux.max(axis=0), _TINY)
         on = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
         if not len(on):
@@ -106,7 +114,8 @@ class Passing:
         if photons.sky is not None:
             sky = gather(photons.sky, row)
         mirrored = None if photons.mirrored is None else gather(photons.mirrored, row)
-        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored)
+        link = None if photons.link is None else gather(photons.link, row)
+        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link)
 
     def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_]) -> _Rows:
         """(3, n): what passes of light from lamps, and of other light."""

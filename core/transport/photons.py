@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lights.joined_emitters import JoinedEmitters
+from ..lights.light_links import DIFFUSE, GLOSSY, LightLinks
 from ..lights.lights import Emitter
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
@@ -68,6 +69,7 @@ class TraceScene:
     tri_smooth      (n_tri,) int32           column of smooth_frame, -1 for flat shading
     smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
     maps            of normals, None where no surface has one
+    links           of lamps that do not treat all surfaces alike, None where there is none
     """
 
     rays: RayScene
@@ -84,6 +86,7 @@ class TraceScene:
     tri_smooth: NDArray[np.int32]
     smooth_frame: NDArray[np.float32]
     maps: NormalMaps | None = None
+    links: LightLinks | None = None
 
     @property
     def has_caustics(self) -> bool:
@@ -113,10 +116,11 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     receives = np.array([thing.receives for thing in snapshot.objects], bool)[snapshot.tri_object]
     rays = RayScene(collapse(corners, receives | ~surfaces.find_void()))
     tri_normal, tri_frame = np.ascontiguousarray(normal.T), triangle_frames(corners)
+    links = LightLinks.of(snapshot)
     return TraceScene(
         rays=rays,
         shadows=ShadowRays.of(rays, surfaces, corners, tri_normal),
-        passing=Passing.of(surfaces, tri_frame, tri_normal),
+        passing=Passing.of(surfaces, tri_frame, tri_normal, links),
         gloss=Gloss.of(snapshot, surfaces),
         glass=Glass.of(snapshot, surfaces),
         emitters=joined,
@@ -128,6 +132,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         tri_smooth=tri_smooth,
         smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
         maps=NormalMaps.of(snapshot),
+        links=links if len(links) else None,
     )
 
 
@@ -223,6 +228,11 @@ def _meet(
     if not len(hit):
         return None, None
     index = tri.astype(np.intp)  # once, in place of in every gather
+    linked, whole, glossy = None, arrived, arrived
+    if scene.links and not depth and photons.link is not None:
+        linked = scene.links.look_up(gather(photons.link, hit), index)
+        flux = whole.flux * linked.seen[DIFFUSE]
+        arrived, glossy = replace(whole, flux=flux), replace(whole, flux=whole.flux * linked.seen[GLOSSY])
     normal = gather(scene.tri_normal, index)
     cosine = _dot(arrived.direction, normal)  # < 0 on the front
     lit = cosine < gather(scene.tri_lit_below, index)
@@ -238,7 +248,10 @@ def _meet(
         if skip_first and arrived.mirrored is not None:
             is_first |= arrived.mirrored
         _deposit(scene, arrived, cosine, lit, is_first, worth, log)
-    passed = scene.passing.go_on(photons, hit, index, u, v, found.distance, depth == 0, rng) if scene.passing else None
+    passed = None
+    if scene.passing:
+        is_open = linked.open if linked else None
+        passed = scene.passing.go_on(photons, hit, index, u, v, found.distance, depth == 0, is_open, rng)
     if passed:
         log.passed += passed.power
         landed = landed - passed.power
@@ -250,7 +263,7 @@ def _meet(
         group = log.open_groups(place, factor)
     albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
     if scene.gloss:
-        mirrored = reflect_photons(scene, arrived, index, group, cosine, depth == 0, _count_parts(parts), rng)
+        mirrored = reflect_photons(scene, glossy, index, group, cosine, depth == 0, _count_parts(parts), rng)
         albedo, row = scene.gloss.find_diffuse(index, u, v, albedo)
         if mirrored:
             log.mirrored += mirrored.power
@@ -258,7 +271,8 @@ def _meet(
     specular = [mirrored] if mirrored else []
     if scene.glass:
         from_lamp = None if depth else np.ones(len(tri), bool) if photons.sky is None else ~gather(photons.sky, hit)
-        bent, refracted = bend_photons(scene, arrived, index, group, cosine, depth == 0, from_lamp, _count_parts(parts), rng)
+        seen = linked.seen if linked else None
+        bent, refracted = bend_photons(scene, whole, index, group, cosine, depth == 0, from_lamp, seen, _count_parts(parts), rng)
         if bent:
             specular.append(bent)
             log.mirrored += bent.power - refracted

@@ -26,6 +26,7 @@ def bend_photons(
     cosine: _Rows,
     is_first: bool,
     from_lamp: NDArray[np.bool_] | None,
+    seen: _Rows | None,
     copies: int,
     rng: np.random.Generator,
 ) -> tuple[Photons | None, Float64]:
@@ -34,6 +35,7 @@ def bend_photons(
     Whether a photon is reflected diffusely has a chance of its own, as in passing. Arguments as of mirrors.reflect_photons.
 
     from_lamp   (n,) bool: they pass through as shadow rays do, which light is not bent besides; None is none
+    seen        (3, n) float32: of LightLinks; None is all
     """
     nothing = np.zeros(3)
     glass = scene.glass
@@ -52,6 +54,9 @@ def bend_photons(
     direction = gather(arrived.direction, place)
     bent, side = _bend(scene, glass, tri, u, v, direction, gather(cosine, place), rng)
     scale = np.where(bent.crossed, bent.eta**-2, 1).astype(np.float32)
+    if seen is not None:
+        _, reflected, refracted = gather(seen, place)
+        scale *= np.where(bent.crossed, refracted, reflected)
     flux = flux * bent.weight * scale
     kept = flux.any(axis=0).nonzero()[0]
     if not len(kept):

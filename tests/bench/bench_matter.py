@@ -56,8 +56,9 @@ A material may let shadow rays pass and be glass for all others. That stands in 
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.
 
 Materials and *Ray Visibility* count for diffuse rays and for shadow rays apart. Where metal or glass is in the scene and an object, or a
-Light Path node, makes a difference for glossy or transmission rays, a warning names it: these rays see then what diffuse rays do. What
-glows by *Is Diffuse Ray* Cycles sees in two ways, for its own rays toward lamps carry no kind; Leaflight has it as diffuse rays see it.
+Light Path node, makes a difference for glossy or transmission rays, a warning names it: these rays see then what diffuse rays do. Lamps
+are seen by each kind of ray, light objects and have their shadows cast (light and shadow linking) as in Cycles. What glows by *Is Diffuse
+Ray* Cycles sees in two ways, for its own rays toward lamps carry no kind; Leaflight has it as diffuse rays see it.
 
 | scene | mean | nrmse | |
 | --- | --- | --- | --- |

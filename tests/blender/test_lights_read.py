@@ -122,11 +122,20 @@ def test_warnings(kind, properties, text):
     assert (light is None) == ("left out" in warnings[0][1])
 
 
-@pytest.mark.parametrize("properties", [{"energy": 0.0}, {"object_properties": {"visible_diffuse": False}}])
+UNSEEN = {f"visible_{name}": False for name in ("diffuse", "glossy", "transmission")}
+
+
+@pytest.mark.parametrize("properties", [{"energy": 0.0}, {"object_properties": UNSEEN}])
 def test_lights_without_light_are_silent(properties):
     warnings = []
     assert read("POINT", warnings=warnings, **properties) is None
     assert not warnings
+
+
+@pytest.mark.parametrize("unseen", range(3))
+def test_some_rays_do_not_see_a_lamp(unseen):
+    light = read("POINT", object_properties={list(UNSEEN)[unseen]: False})
+    assert light.seen_by == tuple(number != unseen for number in range(3))
 
 
 def test_portal_gives_no_light():

@@ -188,6 +188,12 @@ SECOND_OPINIONS = {
     "lamp": lit_scene([BLOCK], emission=[box_mesh("Lamp", (0.2, 0.2, 0.05), (0.4, 0.5, 0.9))], rgb=(5.0, 2.0, 0.0)),
     "world": replace(lit_scene([BLOCK]), world_rgb=(1.0, 0.5, 0.0)),
     "panel without shadow": lit_scene([BLOCK], [replace(PANEL, casts_shadow=False)]),
+    "panel whose shadow the block does not cast": lit_scene([BLOCK], [replace(PANEL, blocked_by=(0,)), BULB]),
+    "panel that lights the block alone": lit_scene([BLOCK], [replace(PANEL, lights=(1,)), BULB]),
+    "sun whose shadow one of two blocks casts": lit_scene(
+        [BLOCK, moved(BLOCK, (0.3, 0.3, 0.0))], [replace(SUN, angle_rad=0.1, lights=(0, 2), blocked_by=(0, 1))]
+    ),
+    "bulb that diffuse rays do not see": lit_scene([BLOCK], [replace(BULB, seen_by=(False, True, True)), PANEL]),
     "soft bulb without shadow": lit_scene([BLOCK], [replace(BULB, radius_m=0.1, casts_shadow=False)]),
 }
 

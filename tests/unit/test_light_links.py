@@ -1,0 +1,55 @@
+"""Photons of lamps that some rays do not see, or that are linked to objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from floors import lit_scene, prepare
+from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
+from leaflight.core.scene.scene import Light, Material
+from leaflight.core.transport import photons
+from leaflight.core.transport.photon_log import ShardHits
+from scenes import box_mesh
+
+BLOCK = box_mesh("Block", (0.3, 0.3, 0.2), (0.5, 0.5, 0.4))
+METAL = Material("Metal", albedo_rgb=(0.8,) * 3, metal_rgb=(0.8,) * 3, roughness=0.3)
+GLASS = Material("Glass", albedo_rgb=(0.0,) * 3, glass_rgb=(1.0,) * 3, glass_mirror_rgb=(1.0,) * 3)
+
+
+def trace(material: Material, **choices) -> ShardHits:
+    """10,000 photons of a sun that shines on a floor and a block, up to the first surface."""
+    sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3, angle_rad=0.1, **choices)
+    scene = replace(lit_scene([BLOCK], [sun]), materials=(material, material))
+    _, box, surfaces = prepare(scene)
+    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
+    built = photons.build_trace_scene(scene, box, surfaces, emitters)
+    (hits,) = photons.trace_shard(built, 10_000, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    return hits
+
+
+def test_metal_sees_what_glossy_rays_see():
+    alike, unseen = trace(METAL), trace(METAL, seen_by=(True, False, True))
+    assert alike.audit.mirrored.sum() > 0
+    assert unseen.audit.mirrored.sum() == 0
+    assert unseen.flux_rgb.sum() == pytest.approx(alike.flux_rgb.sum())
+    assert trace(METAL, seen_by=(False, True, False)).audit.mirrored == pytest.approx(alike.audit.mirrored, rel=0.05)
+
+
+def test_glass_reflects_and_refracts_what_rays_of_each_kind_see():
+    alike, unreflected, unbent = (trace(GLASS, seen_by=(True, *kinds)) for kinds in ((True, True), (False, True), (True, False)))
+    assert unreflected.audit.mirrored.sum() == unbent.audit.refracted.sum() == 0
+    assert unreflected.audit.refracted == pytest.approx(alike.audit.refracted, rel=0.05)
+    assert unbent.audit.mirrored == pytest.approx(alike.audit.mirrored, rel=0.2)
+
+
+def test_what_a_lamp_does_not_light_stops_its_photons_where_it_casts_its_shadows():
+    plain, unlit, clear = trace(Material("Grey")), trace(Material("Grey"), lights=(0,)), trace(Material("Grey"), blocked_by=(0,))
+    on_floor = [one.flux_rgb[:, one.tri < 2].sum(dtype=float) for one in (plain, unlit, clear)]
+    on_block = [one.flux_rgb[:, one.tri >= 2].sum(dtype=float) for one in (plain, unlit, clear)]
+    assert on_block[1] == 0
+    assert on_block[0] > 0
+    assert on_block[2] == pytest.approx(on_block[0], rel=0.3)  # its lower side, too
+    assert on_floor[1] == pytest.approx(on_floor[0])
+    assert on_floor[2] == pytest.approx(on_floor[0] + on_block[0], rel=0.02)
