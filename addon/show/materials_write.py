@@ -53,6 +53,7 @@ def show(objects: Iterable[bpy.types.Object]) -> Sentences:
     """Shows the bakes again that `hide` took off; the originals may have changed meanwhile."""
     warnings: Sentences = []
     missing: dict[bpy.types.Image, list[str]] = {}
+    is_there: dict[bpy.types.Image, bool] = {}
     copies: dict[tuple[Any, ...], bpy.types.Material] = {}
     for obj in local_objects(objects):
         if BAKE not in obj or is_shown(obj):
@@ -61,10 +62,13 @@ def show(objects: Iterable[bpy.types.Object]) -> Sentences:
         image, name = bake.get("image"), bake["uv_layer"] or ("" if error else layer_name(obj.data))
         if not error and (image is None or name not in obj.data.uv_layers):
             error = f"{obj.name}: its baked image or UV layer was deleted; bake it again."
-        if not error and image.source == "FILE" and not image.packed_file and not find_path(image).is_file():
-            missing.setdefault(image, []).append(obj.name)
-        elif error:
+        if error:
             warnings.append((obj.name, error))
+            continue
+        if image not in is_there:
+            is_there[image] = image.source != "FILE" or bool(image.packed_file) or find_path(image).is_file()
+        if not is_there[image]:
+            missing.setdefault(image, []).append(obj.name)
         else:
             warnings += _cover(obj, image, bake["mode"], name, copies)
     for image, names in missing.items():
@@ -78,8 +82,7 @@ def hide(objects: Iterable[bpy.types.Object]) -> None:
     objects = local_objects(objects)
     for obj in objects:
         uncover(obj)
-    for mesh in {obj.data for obj in objects if obj.type == "MESH"}:
-        release_mesh(mesh)
+    release_meshes({obj.data for obj in objects if obj.type == "MESH"})
     _remove_unused_copies()
 
 
@@ -137,14 +140,16 @@ def find_original(material: bpy.types.Material | None) -> bpy.types.Material | N
     return material
 
 
-def release_mesh(mesh: bpy.types.Mesh) -> None:
-    """Gives a mesh what showing a bake took from it: its active UV layer, and no slot; not while an object shows a bake on it."""
-    if ADDED_SLOT not in mesh and ACTIVE not in mesh:
-        return
-    users = [obj for obj in bpy.data.objects if obj.data == mesh]
-    if not any(is_shown(obj) for obj in users):
-        release_active(mesh)
-        _remove_added_slot(mesh, users)
+def release_meshes(meshes: Iterable[bpy.types.Mesh]) -> None:
+    """Gives meshes what showing a bake took from them: the active UV layer, and no slot; not while an object shows a bake on them."""
+    users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {mesh: [] for mesh in meshes if ADDED_SLOT in mesh or ACTIVE in mesh}
+    for obj in bpy.data.objects if users else ():
+        if obj.data in users:
+            users[obj.data].append(obj)
+    for mesh, of_mesh in users.items():
+        if not any(is_shown(obj) for obj in of_mesh):
+            release_active(mesh)
+            _remove_added_slot(mesh, of_mesh)
 
 
 def _remove_added_slot(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> None:

@@ -33,8 +33,9 @@ def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types
         materials_write.uncover(obj)
         remove_mark(obj, materials_write.BAKE)
     worn = materials_write.find_worn_meshes()  # by objects of another scene, or of another bake
-    for mesh in _local_meshes(objects, everything=scene is None):
-        materials_write.release_mesh(mesh)
+    meshes = _local_meshes(objects, everything=scene is None)
+    materials_write.release_meshes(meshes)
+    for mesh in meshes:
         if mesh not in worn:
             uv_layer.remove_layer(mesh)
     for one in [scene] if scene else bpy.data.scenes:
