@@ -1,9 +1,7 @@
 """Shots add up to means, with the variance of means."""
 
 import copy
-from concurrent.futures import Future
 from dataclasses import replace
-from itertools import starmap
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from leaflight.core.integrate.direct import DirectLight
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.reference_level import ReferenceLevel
 from leaflight.core.parallel import executors
-from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
 
 SETTINGS = Settings(size=24, padding=1, error=0.5)
@@ -67,36 +64,6 @@ def test_a_shot_that_is_stopped_leaves_what_there_was(shot, monkeypatch):
         assert all(one.shoot(folder, SETTINGS, executors.InlineExecutor(), noisy) for one in (field, other))
 
 
-def test_every_shot_has_random_numbers_of_its_own(shot):
-    """Also of texels that have been shot as often as others before."""
-    folder, field = shot
-    rows = np.argsort(field.variance[:, 0])[-8:]
-    rows.sort()
-    seen = []
-    for texels in (rows[:4], rows[:4], rows[4:], rows[4:]):
-        before, passes = field.irradiance[texels].copy(), field.passes[texels, None]
-        field.shoot(folder, SETTINGS, executors.InlineExecutor(), texels)
-        seen.append(field.irradiance[texels] * (passes + 1) - before * passes)
-    assert not np.allclose(seen[0], seen[1], rtol=1e-3)
-    assert not np.allclose(seen[2], seen[3], rtol=1e-3)
-    assert field.turns == 5
-
-
-class Dice(executors.InlineExecutor):
-    """Stands in for whoever shoots: estimates of 1 W/m^2 that err by `sigma` (n,), and say 0.2."""
-
-    def __init__(self, sigma):
-        super().__init__()
-        self._sigma, self._rng, self.shards = sigma[:, None], np.random.default_rng(1), []
-
-    def submit(self, fn, shard):
-        self.shards.append(shard)
-        future = Future()
-        sigma = self._sigma[shard.texels]
-        future.set_result(DirectLight(1 + sigma * self._rng.standard_normal((len(sigma), 3)), np.full((len(sigma), 3), 0.2**2), {}))
-        return future
-
-
 def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
     """Each estimate counts rays that found it, three in the mean, and a texel is shot again while it errs too much."""
 
@@ -142,29 +109,3 @@ def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
     with pytest.raises(ZeroDivisionError):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=ReferenceLevel(np.zeros(9, np.float32)))
     assert set(folder.iterdir()) == before
-
-
-def test_light_that_is_begun_to_be_shown_is_what_is_shown(shot):
-    """Done once, by whoever was given it; and again after another shot."""
-    folder, field = shot
-    texels, asked = traced_scene.open_tracing(str(folder)).texels, []
-
-    def spread(fn, calls):
-        asked.append(fn)
-        return starmap(fn, calls)
-
-    expected = field.show(texels, True).irradiance.copy()
-    assert (expected != field.irradiance).any()  # some grain is smoothed
-    afresh = DirectField(field.irradiance, field.variance, field.passes)
-    afresh.begin_show(texels, True, spread)
-    afresh.begin_show(texels, True, spread)
-    np.testing.assert_array_equal(afresh.show(texels, True).irradiance, expected)
-    assert len(asked) == 1
-    afresh.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
-    afresh.begin_show(texels, True, spread)
-    afresh.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
-    other = DirectField(afresh.irradiance, afresh.variance, afresh.passes).show(texels, True).irradiance
-    np.testing.assert_array_equal(afresh.show(texels, True).irradiance, other)
-    assert (other != expected).any()
-    afresh.begin_show(texels, False, spread)
-    assert len(asked) == 2  # grain that is to stay is nobody's work

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare
 from leaflight.core.lights.direct_lights import Aim
-from leaflight.core.lights.direct_points import MIDDLE, ReceivingSurfaces, TexelChunk, light_points, random_shift
+from leaflight.core.lights.direct_points import MIDDLE, ReceivingSurfaces, TexelChunk, random_shift
 from leaflight.core.texels.texel_footprint import TexelLooks
 from leaflight.core.util.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
@@ -17,14 +17,6 @@ from scenes import make_scene, sphere_mesh
 def cells(points: np.ndarray, columns: int, rows: int) -> list[int]:
     """Sorted cells of a grid that points (n, 2) of the unit square fall in."""
     return sorted((np.floor(points[:, 0] * columns) * rows + np.floor(points[:, 1] * rows)).astype(int).tolist())
-
-
-@pytest.mark.parametrize("count", [4, 16, 64])
-def test_first_rays_fall_one_in_each_stratum_of_the_light(count):
-    for shift in random_shift(np.random.default_rng(1), 5):
-        points = light_points(shift[None], 0, count)
-        for columns in (2**k for k in range(count.bit_length())):
-            assert cells(points, columns, count // columns) == list(range(count))
 
 
 @pytest.mark.parametrize("count", [4, 16, 64])
@@ -71,16 +63,6 @@ def test_smooth_triangles_have_interpolated_unit_normals():
     behind = chunk_at(surfaces, tri, 1 / 3, 1 / 3, flip=True).receivers_at(tri, MIDDLE)
     np.testing.assert_array_equal(behind.normal, -receivers.normal)
     np.testing.assert_array_equal(behind.side, -receivers.side)
-
-
-def test_corner_normals_that_cancel_give_the_face_normal():
-    scene = lit_scene()
-    opposite = scene.tri_normal.copy()
-    opposite[:, 1] *= -1
-    opposite[:, 2] = 0
-    surfaces = ReceivingSurfaces.of(replace(scene, tri_normal=opposite), UnitBox(np.zeros(3), 1.0))
-    receivers = chunk_at(surfaces, np.array([0]), 0.5, 0.0).receivers_at(np.array([0]), MIDDLE)
-    assert receivers.normal.tolist() == [[0, 0, 1]]
 
 
 def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():

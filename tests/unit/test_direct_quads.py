@@ -79,22 +79,6 @@ def test_a_step_is_told_by_texels(texels):
     np.testing.assert_allclose(found.irradiance_rgb[:, 0], np.where(x < 21, 1.0, 2.0), rtol=1e-6)
 
 
-def test_noise_is_told_and_no_misfit(texels):
-    rng, sigma = np.random.default_rng(1), 0.01
-    lamp = Lamp(lambda x, y: 1 + sigma * rng.standard_normal(x.shape[1:])[None] + 0 * x, sigma**2)
-    found = light(texels, lamp)
-    by_quads = found.by_quads
-    assert by_quads.sum() == 12 * 256
-    real2 = (found.irradiance_rgb[by_quads, 0] - 1) ** 2
-    assert found.variance_rgb[by_quads, 0].mean() == pytest.approx(real2.mean(), rel=0.15)
-    assert (found.variance_rgb[~by_quads, 0] == np.float32(sigma**2)).all()
-
-
-def test_small_pages_are_told_by_texels(texels):
-    small = replace(texels, page_size=PAGE // 2)
-    assert not light(small, Lamp(lambda x, y: np.ones_like(x))).by_quads.any()
-
-
 @pytest.fixture
 def shadow(tmp_path):
     """A floor in the soft shadow of a block, 128 texels wide, on a large page."""

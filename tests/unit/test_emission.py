@@ -5,14 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from leaflight.core.lights.joined_emitters import JoinedEmitters
-from leaflight.core.lights.lights import make_births, make_light_emitter
+from leaflight.core.lights.lights import make_births
 from leaflight.core.scene.rays import RayScene
-from leaflight.core.scene.scene import Light
-from leaflight.core.scene.scene_cover import SceneCover
 from leaflight.core.transport.emission import BATCH, Photons, bear_photons, light_every_surface, soften
-from leaflight.core.transport.emission_cells import BINS, SLICES, BirthCells, find_bins, find_slice
-from leaflight.core.util.geometry import UnitBox
-from leaflight.core.util.sampling import low_discrepancy_points
+from leaflight.core.transport.emission_cells import BINS, SLICES, BirthCells, find_slice
 
 
 @dataclass(frozen=True)
@@ -95,55 +91,6 @@ def test_lamps_that_are_not_cut_carry_their_light_however_many_photons_they_have
         np.testing.assert_allclose(photons.flux[:, own].sum(axis=1, dtype=float), lamp.power_rgb, rtol=1e-3)
 
 
-def bear_one_by_one(emitters, cells, n, rng):
-    """Origins, directions and fluxes (9, n) of all photons and bins (n,), emitter by emitter."""
-    shift = rng.integers(0, 2**32, (len(emitters), 4), np.uint32)
-    start = cells.count_births(n, rng.random())
-    parts, bins = [], []
-    for number, emitter in enumerate(emitters):
-        own = np.flatnonzero(cells.emitter == number)
-        cell = np.repeat(own, np.diff(start)[own])
-        points = low_discrepancy_points(shift[number : number + 1], np.zeros(1, int), np.array([len(cell)]))
-        if not len(cell):
-            continue
-        births = emitter.emit(cells.place(cell, points) if len(own) > 1 else points)
-        share = cells.natural[own].sum() if len(own) > 1 else cells.share[own[0]]
-        flux = (emitter.power_rgb * (1.0 / n / share)).astype(np.float32)[:, None] * births.relative_rgb.T
-        if len(own) > 1:
-            flux = flux * (cells.natural / cells.share).astype(np.float32)[cell]
-        parts.append(np.concatenate([births.origin.T, births.direction.T, flux]))
-        bins.append(find_bins(cell, points))
-    return np.concatenate(parts, axis=1), np.concatenate(bins)
-
-
-@pytest.mark.parametrize("is_cut", [False, True])
-def test_photons_of_many_lamps_are_those_of_each_alone(is_cut):
-    """To the bit, also where a batch ends among a lamp's."""
-    rng = np.random.default_rng(5)
-    box = UnitBox(np.zeros(3), 0.5)
-    cover = SceneCover.around(np.array([[-0.5] * 3, [0.5] * 3]))
-    kinds = [Light("POINT", "P", radius_m=0.1), Light("AREA", "A", size_m=(0.3, 0.2)), Light("SUN", "S", angle_rad=0.2)]
-    lights = [replace(kinds[k % 2], position_m=tuple(rng.uniform(-0.5, 0.5, 3))) for k in range(40)] + [kinds[2]]
-    emitters = [make_light_emitter(light, rng.uniform(1.0, 2.0, 3), box, cover) for light in lights]
-    power = np.array([emitter.power_rgb.mean() for emitter in emitters])
-    cells = BirthCells.whole(power / power.sum())
-    if is_cut:
-        twice = np.repeat(np.arange(41), np.where(np.arange(41) % 3, 1, 2))
-        upper = np.append(False, twice[1:] == twice[:-1])
-        halved = np.isin(twice, twice[upper])
-        low, side = cells.low[twice], cells.side[twice]
-        low[upper, 1], side[halved, 1] = 0.5, 0.5
-        natural = cells.natural[twice] * np.where(halved, 0.5, 1.0)
-        share = natural * rng.uniform(0.5, 1.5, len(twice))
-        cells = BirthCells(twice.astype(np.int32), low, side, natural, share / share.sum())
-    n = 5000
-    batches = list(bear_photons(JoinedEmitters.of(emitters), cells, n, 1.0, np.random.default_rng(1), batch=777, with_bins=True))
-    rows = np.concatenate([np.concatenate([photons.origin, photons.direction, photons.flux]) for photons, _ in batches], axis=1)
-    expected, bins = bear_one_by_one(emitters, cells, n, np.random.default_rng(1))
-    np.testing.assert_array_equal(rows, expected)
-    np.testing.assert_array_equal(np.concatenate([photons.group for photons, _ in batches]), bins)
-
-
 def sheets(*heights):
     """Rays, normals and frames of sheets across the way down; every other one faces down."""
     corner = np.float32([[[-0.5, -0.5, z], [0.5, -0.5, z], [0.0, 0.5, z]] for z in heights])
@@ -183,12 +130,6 @@ def test_the_way_ends_after_a_thousand_surfaces():
     photons = way_down(1)
     light_every_surface(photons, np.ones(1, bool), *sheets(*np.linspace(0.3, -0.3, 1500)))
     assert photons.flux.shape[1] == 1000
-
-
-def test_a_miss_adds_nothing():
-    photons = replace(way_down(2), direction=np.tile(np.float32([[0], [0], [1]]), 2))
-    light_every_surface(photons, np.ones(2, bool), *sheets(0.3))
-    assert photons.flux.shape[1] == 2
 
 
 def test_only_soft_photons_lose_light_however_near_they_hit():

@@ -33,13 +33,6 @@ def guided_part(cells):
     return (cells.share - EVEN_SHARE * cells.natural) / (1 - EVEN_SHARE)
 
 
-def test_nothing_known_changes_nothing():
-    guide = EmissionGuide.of(np.array([0.25, 0.75]))
-    for _ in range(2):
-        assert guide.plan().share.tolist() == [0.25, 0.75]
-        tell(guide, 1e5, 0.0)  # light that comes to nothing
-
-
 def test_a_cell_is_cut_where_parts_differ_and_the_better_part_has_more():
     guide = tell(EmissionGuide.of(ONE), 1e7, along_each(EVERYWHERE, [9, 9, 1, 1, 1, 1, 1, 1]))
     cells = guide.plan()
@@ -47,11 +40,6 @@ def test_a_cell_is_cut_where_parts_differ_and_the_better_part_has_more():
     assert cells.side.tolist() == [[1, 0.25, 1, 1], [1, 0.75, 1, 1]]
     assert cells.natural.tolist() == [0.25, 0.75]
     np.testing.assert_allclose(guided_part(cells), [0.5, 0.5], rtol=1e-3)
-
-
-def test_what_takes_more_rays_has_fewer_births():
-    guide = tell(EmissionGuide.of(np.array([0.5, 0.5])), 1e7, 1.0, rays=[1.0, 16.0])
-    np.testing.assert_allclose(guided_part(guide.plan()), [0.8, 0.2], rtol=1e-3)
 
 
 def test_cells_tile_the_numbers_however_often_they_are_cut():

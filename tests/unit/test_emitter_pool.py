@@ -7,15 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, to_grid
+from floors import floor_looks, floor_tiles, lit_scene, prepare, to_grid
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
-from leaflight.core.lights import emitter_pool
 from leaflight.core.lights.direct_points import Receivers
 from leaflight.core.lights.direct_sources import make_triangle_sources
 from leaflight.core.lights.emitting_cells import find_emitting_cells
 from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
-from leaflight.core.util.geometry import UnitBox
 from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
 
 SIDE = 32
@@ -81,24 +79,6 @@ def test_few_slender_triangles_are_sources_one_by_one():
     assert len(pooled.sources) == 2
 
 
-def test_the_far_side_of_a_solid_close_by_is_not_chosen_for_what_it_would_give():
-    """Were it not for the solid, which nobody sees through: the large triangles of its far side are as near as those of its near one."""
-    scene = lit_scene(emission=[box_mesh("Lamp", (0.4, 0.4, 0.4), (0.5, 0.5, 0.5)), *boxes(4)])
-    pool = prepare(scene)[0].pool
-    place, _ = UnitBox.from_points(scene.vertex_position).to_unit(np.array([[0.29, 0.5, 0.5], [0.5, 0.5, 0.5]]))
-    toward = np.array([[1.0, 0.0, 0.0]], np.float32)
-    looking = Receivers(place[None].astype(np.float32), toward, toward)
-    estimated, by_middle = pool._estimate(looking, np.zeros(1, np.float32))[0], pool.clusters.estimate(looking, np.zeros(1, np.float32))[0]
-    cell = pool.clusters.first[pool._alone]
-    normal = pool.scene.normal[pool.cells.tri[cell]]
-    large = pool.area[cell] > 0.5 * pool.area.max()
-    near, far = (pool._alone[large & (normal[:, 0] * side > 0.9)] for side in (-1, 1))
-    assert len(near) == len(far) == 2
-    assert (estimated[near] > by_middle[near]).all()
-    assert np.array_equal(estimated[far], by_middle[far])
-    assert estimated[far].sum() < 0.01 * estimated[near].sum()
-
-
 def test_triangles_that_share_an_edge_with_the_floor():
     """32 of them, rising outwards from it: the nearest ends of rays bring most of the light, and their corners lie on the horizon."""
     grid = grid_mesh("Skirt", 4, edge_m=0.25)
@@ -121,38 +101,6 @@ def test_lamps_that_reach_down_through_the_floor():
     found = np.mean([light_floor(pooled, seed).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
     expected = light_floor(alone).irradiance_rgb[:, 0]
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
-
-
-@pytest.mark.parametrize("height", [(1, 2, 3), (-1, 2, 3), (-1, -2, 3), (-1, -2, -3), (0, 0, 1), (0, -1, 1), (0, 0, 0), (-1, 0, 0)])
-def test_share_of_a_triangle_above_the_horizon(height):
-    weight = np.random.default_rng(1).dirichlet((1, 1, 1), 100_000)
-    for turned in (height, height[::-1], (height[1], height[2], height[0])):
-        above = (weight @ turned > 0).mean() if any(turned) else 1.0
-        assert emitter_pool._share_above(np.array([turned], np.float32))[0] == pytest.approx(above, abs=0.006)
-
-
-def test_cells_of_a_cluster_are_chosen_by_their_power(hold):
-    """Textured cells, each as bright as chance would have it."""
-    pixels = np.random.default_rng(3).uniform(0.2, 1.0, (8, 8, 3)).astype(np.float32)
-    scene = lit_scene(emission=[moved(quad_mesh("Screen"), (0, 0, 1.0))])
-    lamp = Material("Screen", emission_rgb=(1.0,) * 3, emission_image=0)
-    uv = scene.tri_position[..., :2].astype(np.float32)
-    pictured = replace(scene, materials=(scene.materials[0], lamp), images=(TextureImage("Picture", pixels),), tri_emission_uv=uv)
-    pool = prepare(pictured)[0].pool
-    runs = pool.clusters.runs
-    power = np.diff(runs.weight_end)
-    whole = np.add.reduceat(power, runs.start[:-1])
-    rng = np.random.default_rng(4)
-    cluster = rng.choice(len(whole), 400_000, p=whole / power.sum())
-    cell, chance = runs.choose(cluster, rng.random(len(cluster)))
-    np.testing.assert_allclose(chance, power[cell] / whole[cluster], rtol=1e-6, atol=1e-12)
-    groups = np.arange(len(power)) * 8 // len(power)
-    counts, expected = np.bincount(groups[cell]), np.bincount(groups, power) / power.sum() * len(cell)
-    limit = sigma_limit(2)
-    hold("light choice of rays: chi-square against the power", chi_square_sigmas(counts, expected), high=limit, unit="sigmas")
-    off = np.bincount(groups, power * np.where(groups == 5, 1.03, 1))
-    seen = chi_square_sigmas(counts, off / off.sum() * len(cell))
-    hold("light choice of rays: chi-square with a part of the lamp 3 % off", seen, low=limit, unit="sigmas")
 
 
 def test_errors_are_honest():

@@ -143,21 +143,6 @@ def test_triangles_of_one_swatch_of_a_palette_are_whole_and_of_one_radiance_each
     assert not any(some.constant for _, some in crossing)
 
 
-def test_parts_of_one_radiance_are_joined_for_photons():
-    """Those of a strip of one colour; not those of one whose ends differ."""
-    scene = make_scene([quad_mesh("Strip", 50.0, 0.02)])
-    scene = replace(scene, materials=(Material("Strip", emission_rgb=(2.0, 1.0, 0.0)),))
-    cells = cells_of(scene)
-    assert len(cells.tri) > 200
-    joined = cells.join_parts()
-    assert joined.tri.tolist() == [0, 1]
-    assert joined.part is None
-    assert joined.area_m2 == pytest.approx(0.5)
-    assert joined.mean_rgb.tolist() == [[2.0, 1.0, 0.0]] * 2
-    two = replace(cells, mean_rgb=np.where(np.arange(len(cells.tri))[:, None] < 10, 1.0, cells.mean_rgb))
-    assert two.join_parts() is two
-
-
 def test_what_other_surfaces_do_not_see_lights_nothing():
     scene = stars(64)
     hidden = replace(scene, objects=tuple(replace(one, reflects=False) for one in scene.objects))

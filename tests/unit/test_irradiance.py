@@ -48,15 +48,6 @@ def test_polygons_equal_the_sum_over_their_points():
     assert cut >= 4
 
 
-def test_polygons_may_differ_by_receiver():
-    corners = np.random.default_rng(3).normal(size=(50, 3, 3)) + np.array([0, 0, 2])
-    position, normal = np.random.default_rng(4).normal(size=(50, 3)), random_directions(50, 5)
-    together = polygon_irradiance(corners, position, normal)
-    apart = [polygon_irradiance(corners[i], position[i : i + 1], normal[i : i + 1])[0] for i in range(50)]
-    assert together == pytest.approx(apart, abs=1e-14)
-    assert np.abs(together).max() > 0.1
-
-
 def test_a_huge_ceiling_is_half_the_world():
     corners = np.array([[-1, -1, 1e-4], [-1, 1, 1e-4], [1, 1, 1e-4], [1, -1, 1e-4]])
     assert polygon_irradiance(corners, ORIGIN, UP)[0] == pytest.approx(math.pi, rel=1e-3)

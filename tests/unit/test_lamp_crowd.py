@@ -10,9 +10,7 @@ import pytest
 from floors import floor_looks, lit_scene, prepare, sigma_limit
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
-from leaflight.core.lights import lamp_crowd
-from leaflight.core.lights.direct_points import GAUSS_POINTS, MIDDLE, Receivers, TexelChunk
-from leaflight.core.lights.stratified_choice import find_reach
+from leaflight.core.lights.direct_points import MIDDLE, Receivers, TexelChunk
 from leaflight.core.scene.scene import Light
 from leaflight.core.util import ablation
 from scenes import box_mesh, moved, quad_mesh
@@ -140,55 +138,6 @@ class TestJudging:
         up = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (2, 1))
         estimated = crowd.estimate(Receivers(place, up, up), (scale * np.array([1e-3, 0.1])).astype(np.float32)).max(axis=1)
         assert estimated[1] > 10 * estimated[0]
-
-    def test_neighbours_in_a_plane_are_estimated_at_once_and_others_one_by_one(self):
-        """A floor whose texels come in squares of four; then few of them, far apart; and a chunk whose last group is not full."""
-        surfaces = prepare(lit_scene([BLOCK], make_lamps(60)))[0].surfaces
-
-        def judges_of(texels: np.ndarray) -> list[lamp_crowd._Judges]:
-            chunk = TexelChunk(floor_looks(SIDE)(texels), np.zeros((len(texels), 2), np.uint32), surfaces, False)
-            return list(
-                lamp_crowd._find_probes(chunk, find_reach(chunk.receivers_at(np.arange(len(texels)), GAUSS_POINTS).position, len(texels)))
-            )
-
-        at_once, others = judges_of(TEXELS)
-        assert at_once.group.tolist() == list(range(len(TEXELS) // 4))
-        assert len(others.group) == len(others.receivers.position) == 0
-        assert (at_once.receivers.normal == [0, 0, 1]).all()
-        far, apart = judges_of(np.arange(0, len(TEXELS), 64))
-        assert at_once.reach == pytest.approx(2 * apart.reach[0], rel=1e-3)  # a square of four is twice as wide
-        assert (len(far.group), apart.group.tolist(), len(apart.receivers.position)) == (0, [0], 4)
-        ended, _ = judges_of(TEXELS[:6])
-        assert ended.group.tolist() == [0, 1]
-
-
-def test_texels_around_an_edge_are_estimated_one_by_one():
-    """Of every other group one texel faces aside, as where a chart goes around an edge."""
-    scene = prepare(lit_scene([BLOCK], make_lamps(60)))[0]
-    chunk = TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), scene.surfaces, False)
-    every = chunk.receivers_at(TEXELS, MIDDLE)
-    tilted = np.where((TEXELS % 8 == 0)[:, None], [1.0, 0, 0], every.normal).astype(np.float32)
-
-    class Folded:
-        def __len__(self) -> int:
-            return len(TEXELS)
-
-        def receivers_at(self, rows: np.ndarray, points: np.ndarray) -> Receivers:
-            return replace(every, normal=tilted).rows(rows)
-
-    at_once, others = lamp_crowd._find_probes(Folded(), np.full(len(TEXELS), 1.0, np.float32))
-    assert at_once.group.tolist() == list(range(1, len(TEXELS) // 4, 2))
-    assert others.group.tolist() == list(range(0, len(TEXELS) // 4, 2))
-    assert np.array_equal(others.receivers.normal, tilted.reshape(-1, 4, 3)[::2].reshape(-1, 3))
-
-
-def test_rows_that_are_cumulated_anywhere_are_found_by_one_search():
-    chances = np.random.default_rng(6).random((3, 5))
-    end = np.tile(np.arange(8.0)[:, None], (1, 5))
-    lamp_crowd._cumulate_rows(chances, np.array([1, 4, 6]), end)
-    share = np.diff(end[[1, 4, 6]], axis=1, prepend=np.array([[1.0], [4], [6]]))
-    assert share == pytest.approx(chances / chances.sum(axis=1, keepdims=True))
-    assert (np.diff(end.ravel()) >= 0).all()
 
 
 def test_chances_turn_to_the_lamps_that_are_seen():

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from closed_forms import from_polygon
 from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
-from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
-from leaflight.core.lights.sky_openings import Openings, _blur, _cell_at, _Known
+from leaflight.core.lights.sky_openings import Openings, _cell_at
 from leaflight.core.scene.scene import SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.texels.tiles import Tiles
@@ -20,7 +19,6 @@ from scenes import moved, quad_mesh
 
 SIDE, FAR, HEIGHT = 64, 60.0, 1.0
 HATCH = (0.3, 0.7, 0.35, 0.5)  # x, x, y, y, metres: an opening of the roof
-CELLS = 256
 
 
 def roofed(hatch: tuple[float, float, float, float]) -> SceneSnapshot:
@@ -144,30 +142,9 @@ class TestWho:
     def test_all_texels_below_a_small_hatch(self, monkeypatch):
         assert self.asked(roofed(HATCH), monkeypatch) == SIDE**2
 
-    def test_those_around_whom_no_ray_found_it_where_others_did(self):
-        """Blocks of two regions, of which one ray in a hundred found it in the one."""
-        known = _Known.none(32 * 64)
-        known.shot[:] = 64 / CELLS
-        known.lit[:16] = known.shot[:16] / 100
-        assert not known.see_little(np.zeros(2))[16:].any()
-        known = known.find_share()
-        assert known.see_little(np.zeros(2)).all()
-        assert not known.see_little(np.array([0.0, 0.01]))[16:].any()
-        end, mean, _ = known.of(np.arange(32) >= 16).share_out()
-        assert np.diff(end[0], prepend=0.0) == pytest.approx(1 / CELLS, rel=0.2)
-        assert 0 < mean[0] < 0.01 / 4
-
     def test_none_in_what_is_dark(self, monkeypatch):
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, dark=0.0) == SIDE**2
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.05, dark=10.0) == 0
-
-    @pytest.mark.parametrize(("times", "aims"), [(3.0, False), (5.0, True)])
-    def test_those_whose_plain_rays_err_more_than_smoothing_takes(self, times, aims):
-        """Of a region that a ray in a hundred found it in, 64 rays a texel err so many times what is allowed."""
-        known = _Known.none(16 * 64)
-        known.shot[:] = 64 / CELLS
-        known.lit[:] = known.shot / 100
-        assert (known.see_little(np.array([np.sqrt(0.01 / 64) / times])) == aims).all()
 
     def test_light_tells_who_they_are(self):
         scene = replace(roofed(HATCH), world_rgb=(1.0, 1.0, 1.0))
@@ -183,58 +160,9 @@ class TestWho:
     def test_none_where_other_light_drowns_it(self, monkeypatch):
         assert self.asked(roofed(HATCH), monkeypatch, tolerance=0.02, beside=np.full(SIDE**2, 10.0, np.float32)) == 0
 
-    @pytest.mark.parametrize(("lit", "allowed", "may"), [(0.0, 0.0, True), (0.25, 0.0, False), (0.0, 0.1, False)])
-    def test_no_more_is_asked_where_it_is_known_to_be_open_or_drowned(self, lit, allowed, may):
-        """Of an empty region and one of which each texel has sent a ray."""
-        known = _Known.none(17 * 64)
-        known.shot[:16] = 64 / CELLS
-        known.lit[:16] = lit * known.shot[:16]
-        found = known.may_see_little(np.array([allowed, 0.0]))
-        assert (found[:16] == may).all()
-        assert found[16]
 
-    def test_a_texel_whose_leader_is_one_looks_by_itself(self, monkeypatch):
-        """Openings begin and end where regions do, and tiles may lie across that."""
-        rows = np.r_[0:30, 62 : SIDE**2]  # so that no region begins with a tile
-        tiles, leaders = floor_tiles(SIDE).within(rows), []
-
-        def listening(source, own, lamp, shift, known, alone, leader, apart):
-            leaders.append((own, own[leader]))
-            return tally(source, own, lamp, shift, known, alone, leader, apart)
-
-        tally, scene = direct.Tally, prepare(roofed((0.5, 0.53, 0.5, 0.53)))[0]
-        monkeypatch.setattr(direct, "Tally", listening)
-        for seed in range(20):
-            direct_irradiance(scene, floor_looks(SIDE), rows, np.random.default_rng(seed), tiles=tiles)
-        assert any(len(own) < len(rows) for own, _ in leaders)
-        for own, leader in leaders:
-            assert (np.searchsorted(tiles.start, own, side="right") == np.searchsorted(tiles.start, leader, side="right")).all()
-
-
-class TestCells:
-    def test_are_numbered_along_a_morton_curve(self):
-        x, y = part_bits(np.arange(CELLS))
-        to = (np.stack([x, y], axis=1) + 0.5).astype(np.float32) / 16
-        assert (_cell_at(to) == np.arange(CELLS)).all()
-        assert _cell_at(np.ones((1, 2), np.float32)) == CELLS - 1
-
-    def test_are_blurred_without_loss_but_at_the_edge(self):
-        x, y = part_bits(np.arange(CELLS))
-        one = np.zeros((1, CELLS))
-        one[0, (x == 5) & (y == 9)] = 16.0
-        out = _blur(one)[0]
-        assert out.sum() == pytest.approx(16.0)
-        assert out[(x == 5) & (y == 9)] == pytest.approx(4.0)
-        assert out[(x == 6) & (y == 9)] == pytest.approx(2.0)
-        assert out[(x == 6) & (y == 10)] == pytest.approx(1.0)
-
-    def test_an_open_one_gets_most_rays_and_none_is_left_out(self):
-        known = _Known.none(64)
-        known.shot[:] = 4.0
-        known.lit[0, 17] = 4.0
-        end, mean, square = known.share_out()
-        chance = np.diff(end[0], prepend=0.0)
-        assert chance.sum() == pytest.approx(1.0)
-        assert chance.argmax() == 17
-        assert chance.min() >= 0.3 / CELLS - 1e-12
-        assert mean[0] ** 2 < square[0]
+def test_cells_are_numbered_along_a_morton_curve():
+    x, y = part_bits(np.arange(256))
+    to = (np.stack([x, y], axis=1) + 0.5).astype(np.float32) / 16
+    assert (_cell_at(to) == np.arange(256)).all()
+    assert _cell_at(np.ones((1, 2), np.float32)) == 255

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaflight.core.scene.slender_triangles import cut_slender, find_between, find_corners, whole_parts
+from leaflight.core.scene.slender_triangles import cut_slender
 from leaflight.core.util.geometry import triangle_normals_areas
 
 
@@ -76,13 +76,3 @@ def test_a_needle_without_width_is_not_cut_without_end():
     owner, _, area = cut_slender(corner, triangle_normals_areas(corner)[1])
     assert len(owner) < 2**19
     assert (area >= 0).all()
-
-
-def test_what_lies_between_corners_of_triangles_and_of_their_parts():
-    corner = np.random.default_rng(1).random((5, 3, 4)).astype(np.float32)
-    third = np.full((5, 2), 1 / 3, np.float32)
-    np.testing.assert_allclose(find_between(corner, third), corner.mean(axis=1), rtol=1e-6)
-    np.testing.assert_allclose(find_corners(corner, whole_parts(5)), corner, rtol=1e-6)
-    upper = np.tile(np.float32([[0, 0], [0.5, 0.5], [0, 1]]), (5, 1, 1))
-    expected = np.stack([corner[:, 0], corner[:, 1:].mean(axis=1), corner[:, 2]], axis=1)
-    np.testing.assert_allclose(find_corners(corner, upper), expected, rtol=1e-6)

@@ -20,17 +20,6 @@ def random_clusters(count: int, most: int) -> Clusters:
     return Clusters.of(weight, rng.random((count, 3)), np.zeros((count, 3)), np.full(count, 0.25), cut_evenly(weight, most))
 
 
-def test_clusters_are_runs_of_all_emitters():
-    clusters = random_clusters(1000, 50)
-    assert len(clusters) <= 50
-    assert clusters.start[0] == 0
-    assert clusters.start[-1] == 1000
-    assert (np.diff(clusters.start) > 0).all()
-    assert clusters.weight.max() < 2 * clusters.weight.mean()
-    assert clusters.weight.sum() == pytest.approx(clusters.weight_end[-1])
-    assert (clusters.square > 0.25).all()
-
-
 def test_emitters_are_chosen_within_their_cluster_by_weight():
     clusters = random_clusters(100, 10)
     cluster = np.repeat(np.arange(len(clusters)), 1000)
