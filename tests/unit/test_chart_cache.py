@@ -115,14 +115,6 @@ def test_what_a_bake_has_not_used_is_kept_no_longer(tmp_path):
     assert kept.known == 1
 
 
-def test_a_file_that_would_be_the_same_is_not_written(tmp_path):
-    file = tmp_path / "charts"
-    save_charts(make_scene([CLOTH]), file)
-    before = file.stat().st_mtime_ns, file.stat().st_ino
-    save_charts(make_scene([CLOTH]), file, ChartCache.load(file))
-    assert (file.stat().st_mtime_ns, file.stat().st_ino) == before
-
-
 @pytest.mark.parametrize("content", [b"", b"no charts", None])
 def test_a_damaged_file_is_as_none(tmp_path, content):
     file, scene = tmp_path / "charts", make_scene([CLOTH])
@@ -133,16 +125,6 @@ def test_a_damaged_file_is_as_none(tmp_path, content):
     assert kept.known == 0
     kept.save(file)
     assert list(tmp_path.iterdir()) == [file]
-
-
-def test_rows_of_another_kind_are_none(tmp_path):
-    file, scene = tmp_path / "charts", make_scene([CLOTH])
-    save_charts(scene, file)
-    with np.load(file) as stored:
-        key = stored.files[0]
-    with open(file, "wb") as out:
-        np.savez(out, **{key: np.zeros(N_CLOTH)})
-    assert find_charts(scene, True, kept=ChartCache.load(file)).first_chart[-1] > 0
 
 
 def test_a_bake_with_another_lamp_unwraps_nothing_and_gives_what_the_first_one_would(bake_lamp, tmp_path, asked):

@@ -1,12 +1,9 @@
 import dataclasses
-import time
 
 import numpy as np
 import pytest
-from leaflight.core.atlas import charts
 from leaflight.core.atlas.charts import PACKING, make_charts
 from leaflight.core.atlas.layer_check import signed_areas
-from leaflight.core.atlas.packing import shape_charts
 from leaflight.core.util.geometry import triangle_normals_areas
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh
@@ -124,21 +121,6 @@ def test_objects_are_told_as_they_are_packed(options):
     assert [share for share, _ in packed] == [0.0, 0.25, 0.5, 0.75]
     assert {about for _, about in packed} == {f"Box {i}" for i in range(4)}
     assert [said for said, _, _ in told].index(PACKING) > 0, "they are unwrapped before"
-
-
-def test_charts_are_shaped_once_however_many_pages_they_are_tried_on(monkeypatch):
-    shaped = []
-    monkeypatch.setattr(charts, "shape_charts", lambda *args: shaped.append(1) or shape_charts(*args))
-    scene = make_scene([moved(box_mesh(), (3.0 * i, 0.0, 0.0), name=f"Box {i}") for i in range(9)])
-    assert make_charts(scene, Settings(size=128, density=25.0)).page_count > 2
-    assert len(shaped) == 9
-
-
-def test_huge_density_is_no_trouble():
-    scene = make_scene([box_mesh("A", (1e4, 1e4, 1e4)), box_mesh("B")])
-    atlas = make_charts(scene, Settings(size=64, density=1e6))
-    assert atlas.page_count == 2
-    assert len(atlas.warnings) == 2
 
 
 def test_per_object_pages_are_filled():
@@ -322,17 +304,3 @@ def test_blocks_cost_little_room():
     scene = make_scene([shared_mesh(f"Crate {k}", crate, (1 + 0.2 * (k % 5),) * 3) for k in range(60)])
     shared, alone = (densities(scene, make_charts(scene, Settings(size=512, share_meshes=share)))[0] for share in (True, False))
     assert 0.8 * alone < shared <= 1.02 * alone
-
-
-def test_same_scene_same_atlas():
-    scene = make_scene(mixed_meshes())
-    one, other = (make_charts(scene, Settings(size=128)) for _ in range(2))
-    np.testing.assert_array_equal(one.tri_uv, other.tri_uv)
-    np.testing.assert_array_equal(one.tri_chart, other.tri_chart)
-
-
-def test_ten_thousand_triangles_take_seconds():
-    scene = make_scene([sphere_mesh(rings=72, segments=72)])
-    start = time.process_time()
-    make_charts(scene, Settings(size=512))
-    assert time.process_time() - start < 10.0  # 0.6 s on a quiet core

@@ -11,17 +11,14 @@ from leaflight.core.bake import solve
 from leaflight.core.integrate import texel_light, texel_shards
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.parallel import executors, folders, shared_arrays
-from leaflight.core.radiosity import quadtree
 from leaflight.core.scene.scene import Light
 from leaflight.core.scene.topology import join_sets
-from leaflight.core.texels.texel_grid import interleave_bits
 from leaflight.core.texels.tiles import TILE_TEXELS
 from leaflight.core.transport import contact_map, traced_scene
 from leaflight.core.transport.contact_map import ContactMap, cut_at_contacts, find_contacts
 from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
-from words_heard import check_every_word_is_heard
 
 SIDE = 64  # texels of the floor, a square metre
 SETTINGS = Settings(size=SIDE, margin=0, error=1e-4, denoise=False, direct="photons")
@@ -148,17 +145,6 @@ def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, h
     np.testing.assert_allclose(reach[is_known], expected[is_known], atol=1 / 16)
 
 
-def test_texels_on_both_sides_of_a_rugs_edge_are_touched(tmp_path):
-    """They are refined, and have squares, as those at a wall's foot."""
-    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(rug(32.3 / SIDE, 0.02 / SIDE), receives=False)], [LAMP])
-    texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
-    found = find_contacts(traced_scene.open_scene(str(tmp_path)), texels)
-    folders.forget_folders()
-    assert np.unique(texels.texel_xy[found.touched, 0]).tolist() == [31, 32]
-    assert found.touched.sum() == 2 * SIDE
-    assert not found.rising.any()
-
-
 def test_a_thing_covers_no_part_of_itself(tmp_path):
     """A floor with a lip of its own just above it."""
     vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, 0.1 / SIDE], [0.5, 1, 0.1 / SIDE]])
@@ -194,29 +180,6 @@ def test_a_floor_that_is_turned_on_its_page_is_parted_too(tmp_path, x_m, degrees
     np.testing.assert_array_equal(cut.texel_chart[central] == cut.texel_chart[central][position[:, 0].argmin()], position[:, 0] < x_m)
 
 
-def test_rooms_that_a_door_joins_are_one_piece(tmp_path):
-    """Light goes over between their charts; so is a floor with a post on it, but for what the post stands on."""
-    _, cut, _, scene = cut_floor(tmp_path / "door", wall(0.4, high_m=0.7))
-    chart = draw_pieces(cut, scene)
-    assert len(cut.chart_page) > 2  # where squares of leaves would hold both rooms
-    assert len(np.unique(chart[3, [20, 30]])) == 2
-    middle = (np.arange(SIDE) + 0.5) / SIDE
-    below = (middle < 0.7)[:, None] & (np.abs(middle - 0.4) < 0.05)
-    assert [len(np.unique(cut.chart_piece[chart[where]])) for where in (below, ~below)] == [1, 1]
-    assert len(np.unique(cut.chart_piece)) == 2
-    _, cut, _, scene = cut_floor(tmp_path / "post", box_mesh("Post", (0.1, 0.1, 0.5), (0.52, 0.41, 0.25)))
-    assert len(cut.chart_page) == 2
-    pieces = draw_pieces(cut, scene)
-    np.testing.assert_array_equal(pieces == 1, (np.abs(middle - 0.41) < 0.05)[:, None] & (np.abs(middle - 0.52) < 0.05))
-
-
-def test_a_piece_of_fewer_than_four_texels_stays_with_its_chart(tmp_path):
-    def post(texels):
-        return box_mesh("Post", (texels / SIDE, 1.8 / SIDE, 0.5), (0.5 + np.ceil(texels) / 2 / SIDE, 0.5 + 1 / SIDE, 0.25))
-
-    assert [len(cut_floor(tmp_path / str(n), post(n))[1].chart_page) for n in (0.9, 1.8)] == [1, 2]
-
-
 @pytest.mark.parametrize("x_m", [0.5, 0.503])  # between two texels, and within one
 def test_a_thing_does_not_part_itself(tmp_path, x_m):
     """A rough or hollow surface meets itself everywhere. The foot of the fin, an edge, has parted the floor before this is asked."""
@@ -250,18 +213,6 @@ def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):
     assert len(cut.chart_page) == len(texels.chart_page) == 1
 
 
-def test_threads_change_nothing(tmp_path, part_entries):
-    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
-    texels = prepare_folder(tmp_path, scene, SETTINGS)[1]
-    part_entries(500)
-    opened = traced_scene.open_scene(str(tmp_path))
-    one, two = (find_contacts(opened, texels, threads) for threads in (1, 2))
-    folders.forget_folders()
-    for name in ("touched", "piece", "whole"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-    assert one.touched.any()
-
-
 def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     """Boxes on a floor and on each other; a wall with an end stands on it too, and a rug and a ball lie there."""
     boxes = [
@@ -288,19 +239,6 @@ def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     assert whole.touched.any()
     assert whole.rising.any()
     assert len(np.unique(texels.texel_chart[whole.borders.entry])) >= 2
-
-
-def test_whoever_wants_no_contacts_any_more_is_heard_at_every_word(tmp_path):
-    scene = make_scene([quad_mesh("Floor", uv=SQUARE), replace(wall(), receives=False)], [LAMP])
-    atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
-    opened = traced_scene.open_scene(str(tmp_path))
-
-    def look(watch):
-        fresh = deepcopy(texels)
-        cut_at_contacts(fresh, atlas, find_contacts(opened, fresh, 1, watch), watch)
-
-    check_every_word_is_heard(look)
-    folders.forget_folders()
 
 
 def test_what_hangs_above_parts_nothing(tmp_path):
@@ -372,30 +310,6 @@ def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):
     assert scene.tri_object[cut.texel_tri].max() == 0
 
 
-def test_floors_of_several_pages_and_sizes_are_cut_alike(tmp_path):
-    """A small one on a page of its own, in its middle, and a large one with a door."""
-    small = moved(quad_mesh("Small", uv=SQUARE * 0.2 + 0.3), (2, 0, 0))
-    scene = make_scene([small, quad_mesh("Floor", uv=LAYERS["plain"]), sheet(2.503), sheet(0.4, 0.7)], [LAMP])
-    atlas, texels = prepare_folder(tmp_path, scene, SETTINGS)
-    assert np.argmax(texels.chart_log2) == 1
-    assert texels.page_count == 2
-    found = find_contacts(traced_scene.open_scene(str(tmp_path)), texels)
-    folders.forget_folders()
-    cut, cut_atlas, touched, _ = cut_at_contacts(texels, atlas, found)
-    chart = cut.texel_chart
-    np.testing.assert_array_equal(cut_atlas.chart_object[chart], scene.tri_object[cut.texel_tri])
-    np.testing.assert_array_equal(cut.chart_page, cut_atlas.chart_page)
-    corner = cut.texel_xy - cut.chart_origin[chart]
-    np.testing.assert_array_equal(cut.texel_code, interleave_bits(*corner.T))
-    assert (corner < (1 << cut.chart_log2[chart])[:, None]).all()
-    x_m = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[:, 0]
-    assert [len(np.unique(chart[x_m > 1])), len(np.unique(cut.chart_piece[chart[x_m > 1]]))] == [2, 2]
-    assert len(np.unique(chart[x_m < 1])) > 1 == len(np.unique(cut.chart_piece[chart[x_m < 1]]))
-    middle = (np.unique(cut.texel_xy[touched & (x_m < 1), 0]) + 0.5) / SIDE
-    assert np.abs(middle - 0.4).max() < 1.5 / SIDE
-    assert len(middle) == 3
-
-
 @pytest.mark.parametrize(("x_m", "most"), [(33 / SIDE, 0.0), (0.512, 0.02), (0.518, 0.02)])
 def test_light_does_not_leak_below_a_thin_wall(tmp_path, x_m, most):
     """A lamp on one side, and so few photons that leaves are many texels wide; also where a texel lies on both sides."""
@@ -436,29 +350,6 @@ def test_light_does_not_leak_below_what_hangs_close_above(tmp_path):
     assert beside["whole"] < 0.9
     assert below["cut"] < 0.1
     assert beside["cut"] == pytest.approx(1.0, abs=0.02)
-
-
-def test_the_first_leaves_below_a_ball_know_how_light_falls_towards_where_it_stands(tmp_path):
-    """One round of photons from the sky, on trees that begin finer there and on such as do not, against many rounds."""
-    ball = moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2))
-    scene = replace(make_scene([quad_mesh("Floor", uv=SQUARE), replace(ball, receives=False)]), world_rgb=(1.0,) * 3)
-    _, texels = prepare_folder(tmp_path / "first", scene, SETTINGS)
-    found = find_contacts(traced_scene.open_scene(str(tmp_path / "first")), texels)
-    far = np.hypot(*(texels.texel_xy + 0.5 - SIDE / 2).T)
-    assert 0 < far[found.rising].min() < far[found.rising].max() < 0.25 * SIDE
-    light = {}
-    for name, rising, photons in (("fine", found.rising, 1 << 17), ("coarse", None, 1 << 17), ("many", None, 1 << 21)):
-        prepare_folder(tmp_path / name, scene, SETTINGS)
-        none, job = np.zeros(len(texels), bool), (tmp_path / name, replace(SETTINGS, max_photons=photons), executors.InlineExecutor())
-        solver = solve.Solver(*job, DirectField.none(len(texels)), none, rising_texels=rising)
-        shown = texel_light.light_at_texels(solver.run(lambda message: None, lambda: False), texels, smooth_grain=False)
-        light[name] = (shown.direct + shown.indirect).sum(axis=1)
-        if name != "many":
-            side = solver.tree.side[quadtree.node_of_texel(solver.tree, np.flatnonzero(~solver.tree.has_children), len(texels))]
-            assert (side[found.rising].max() <= 8) == (name == "fine")
-    folders.forget_folders()
-    error = {name: np.sqrt(np.mean((light[name] - light["many"])[far < 5] ** 2)) for name in ("fine", "coarse")}
-    assert error["fine"] < 0.75 * error["coarse"]
 
 
 def light_of(folder, settings, texels, atlas):

@@ -8,7 +8,7 @@ import pytest
 from leaflight.core.atlas.charts import ChartAtlas
 from leaflight.core.texels import creases
 from leaflight.core.texels.texels import build_texel_map
-from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, split_faces
+from scenes import Mesh, join_meshes, make_scene, moved, split_faces
 
 SIDE = 16.0  # texels, of each of the two faces of a strip
 
@@ -166,21 +166,6 @@ def test_a_smooth_surface_with_a_back_of_its_own_stays_whole(own_vertices):
     uv = np.concatenate([atlas.tri_uv, atlas.tri_uv[:, [0, 2, 1]] + [0.0, 20.0]])
     atlas = replace(atlas, tri_chart=np.repeat([0, 1], 10).astype(np.int32), tri_uv=uv)
     assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0] * 10 + [1] * 10
-
-
-def test_walls_of_other_objects_make_no_foot_where_both_have_vertices_at_one_place():
-    speck = moved(box_mesh(), (0, 0, -5))
-    crowd = join_meshes("Crowd", speck, moved(speck, (1, 0, 0)))  # boxes that touch
-    floor, wall = (join_meshes(m.name, m, crowd) for m in (Mesh("Floor", FLOOR, TILES), Mesh("Wall", WALL, [[0, 1, 2, 3]])))
-    scene = make_scene([floor, wall])
-    assert not creases._find_feet(scene.vertex_position, scene.tri_vertex, scene.tri_object)[:12].any()
-
-
-def test_small_faces_stay_together_whatever_vertices_the_file_has():
-    scene, atlas = strip(60, side=1.5, faces=5)
-    scene.vertex_position = scene.vertex_position[scene.tri_vertex].reshape(-1, 3)
-    scene.tri_vertex = np.arange(scene.tri_vertex.size).reshape(-1, 3)
-    assert set(creases.cut_at_creases(scene, atlas).tri_chart.tolist()) == {0}
 
 
 def test_triangles_without_a_chart_stay_without():

@@ -33,10 +33,3 @@ def test_density_is_the_greatest_to_a_few_percent(sizes):
 @pytest.mark.parametrize(("size", "padding", "count"), [(16, 4, 100), (8, 4, 1), (4, 64, 1)])
 def test_too_many_charts_for_a_page(size, padding, count):
     assert find_greatest_density(triangles(count)[2], Page(size, padding)) is None
-
-
-@pytest.mark.parametrize("sizes", [[(0.0, 0.0)], [(0.0, 0.0)] * 5, [(1e-200, 0.0)]])
-def test_charts_without_extent_are_points_of_a_page(sizes):
-    density, _, placement = find_greatest_density(rectangles(sizes)[2], Page(64, 4))
-    assert np.isfinite(density)
-    assert len(placement.offset) == len(sizes)

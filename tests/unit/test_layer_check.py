@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from leaflight.core.atlas.layer_check import check_layer, find_overlaps, label_charts, signed_areas
+from leaflight.core.atlas.layer_check import check_layer, find_overlaps, label_charts
 from scenes import grid_mesh, make_scene
 
 
@@ -113,17 +113,3 @@ def test_triangles_without_area_in_space_are_left_out_in_silence():
 def test_rounding_at_the_page_border_is_no_fault():
     scene, uv = grid_layer()
     assert check((uv - 0.1) / 0.8 * (1 + 1e-7), scene).findings == ()
-
-
-def test_signed_area_tells_the_turn():
-    triangle = np.array([[[0, 0], [2, 0], [0, 1]], [[0, 0], [0, 1], [2, 0.0]]])
-    assert signed_areas(triangle).tolist() == [1.0, -1.0]
-
-
-def test_sides_with_the_same_uvs_meet_whatever_lies_between_them_at_one_edge():
-    """Of three triangles at one edge the first and the last are joined, the one between lies elsewhere."""
-    tri = np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])
-    uv = np.array([[[0, 0], [1, 0], [0, 1]], [[5, 5], [6, 5], [5, 6]], [[1, 0], [0, 0], [1, -1]]], float) / 10
-    chart, shared = label_charts(tri, np.arange(9).reshape(3, 3), uv, np.zeros(3, int))
-    assert chart.tolist() == [0, 1, 0]
-    assert shared[:, 0].tolist() == [True, False, True]

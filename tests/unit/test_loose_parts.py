@@ -1,12 +1,8 @@
 """What hangs together by edges is one part, whatever vertices the file has, and objects are looked into when it matters alone."""
 
-import time
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
-from leaflight.core.scene import loose_parts
-from leaflight.core.scene.loose_parts import LooseParts, find_loose_parts
+from leaflight.core.scene.loose_parts import find_loose_parts
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 
@@ -51,50 +47,9 @@ def test_what_was_split_off_an_edge_within_a_surface_is_a_part():
     assert parts_of(join_meshes("Floor", floor, fin)).tolist() == [0] * 8 + [8] * 2
 
 
-def test_zeros_of_both_signs_are_one_place():
-    one, other = quad_mesh(), moved(quad_mesh(), (-1, 0, 0))
-    other.vertex[other.vertex == 0] = -0.0
-    assert not parts_of(join_meshes("Quads", one, other)).any()
-
-
 def test_objects_at_one_place_are_apart_and_a_part_of_the_triangles_may_be_asked():
     scene = make_scene([box_mesh(), box_mesh()])
     assert find_loose_parts(scene, np.arange(scene.n_tri)).tolist() == [0] * 12 + [12] * 12
     assert find_loose_parts(scene, np.arange(12, 24)).tolist() == [0] * 12
     assert find_loose_parts(scene, np.arange(0)).tolist() == []
     assert parts_of(quad_mesh(), quad_mesh()).tolist() == [0, 0, 2, 2]  # whose sides no other face has
-
-
-def test_triangles_are_told_apart_and_each_object_is_looked_into_once(monkeypatch):
-    looked = []
-
-    def find(scene, tri):
-        looked.append(np.unique(scene.tri_object[tri]).tolist())
-        return find_loose_parts(scene, tri)
-
-    monkeypatch.setattr(loose_parts, "find_loose_parts", find)
-    house = join_meshes("House", quad_mesh(), moved(box_mesh(), (0.5, 0.5, 0.5)))  # triangles 0 ... 1 and 2 ... 13
-    parts = LooseParts(make_scene([house, box_mesh(), house]))
-    assert parts.are_apart(np.array([0, 20]), np.array([20, 0])).tolist() == [True, True]
-    assert looked == []
-    assert parts.are_apart(np.array([0, 0, 2, 14]), np.array([1, 2, 13, 0])).tolist() == [False, True, False, True]
-    assert parts.are_apart(np.array([13, 26, 26, 15]), np.array([0, 27, 28, 20])).tolist() == [True, False, True, False]
-    assert parts.are_apart(np.array([26, 3]), np.array([28, 4])).tolist() == [True, False]
-    assert looked == [[0], [1, 2]]
-    assert parts.are_apart(np.zeros(0, int), np.zeros(0, int)).tolist() == []
-
-
-def test_threads_that_ask_at_once_look_once(monkeypatch):
-    looked = []
-
-    def find(scene, tri):
-        looked.append(len(tri))
-        time.sleep(0.05)
-        return find_loose_parts(scene, tri)
-
-    monkeypatch.setattr(loose_parts, "find_loose_parts", find)
-    parts = LooseParts(make_scene([join_meshes("House", quad_mesh(), moved(box_mesh(), (0.5, 0.5, 0.5)))]))
-    with ThreadPoolExecutor(4) as pool:
-        told = list(pool.map(lambda _: parts.are_apart(np.array([0, 0]), np.array([1, 5])).tolist(), range(4)))
-    assert told == [[False, True]] * 4
-    assert looked == [14]

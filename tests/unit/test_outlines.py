@@ -39,36 +39,12 @@ def test_the_smallest_box_is_found_of_few_charts_and_of_many():
         np.testing.assert_array_equal(straighten_charts(uv[some], chart[:120], shared[some], 40), together[some])
 
 
-def test_a_chart_without_a_border_is_not_turned():
-    uv, chart, shared = turned_grids(np.array([0.4, 0.4]))
-    shared[chart == 0] = True
-    upright = straighten_charts(uv, chart, shared, 2)
-    moved = uv[chart == 0] - uv[chart == 0].min(axis=(0, 1))
-    np.testing.assert_allclose(upright[chart == 0], moved, atol=1e-12)
-    np.testing.assert_allclose(np.sort(upright[chart == 1].max(axis=(0, 1))), [3.0, 6.0])
-
-
 def test_only_the_border_is_kept():
     uv, chart, shared = turned_grids(np.array([0.0, 0.4]))
     found = measure_outlines(straighten_charts(uv, chart, shared, 2), chart, shared, 2)
     assert np.diff(found.start).tolist() == [24, 24]
     length = np.linalg.norm(found.edge[:, 1] - found.edge[:, 0], axis=1)
     np.testing.assert_allclose(np.bincount(found.edge_chart, length), 18.0)
-
-
-def test_selection_keeps_the_order_asked_for():
-    uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1]))
-    uv[chart == 2] *= 2.0
-    found = measure_outlines(straighten_charts(uv, chart, shared, 3), chart, shared, 3)
-    some = found.select(np.array([2, 0]))
-    np.testing.assert_array_equal(some.area, found.area[[2, 0]])
-    np.testing.assert_array_equal(some.edge[:24], found.edge[found.start[2] : found.start[3]])
-    np.testing.assert_array_equal(some.edge_chart, np.repeat([0, 1], 24))
-
-
-def test_no_charts():
-    none = measure_outlines(np.zeros((0, 3, 2)), np.zeros(0, int), np.zeros((0, 3), bool), 0)
-    assert len(none.edge) == len(none.extent) == 0
 
 
 def test_rounding_does_not_choose_between_edges_that_are_as_long():

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from leaflight.core.atlas.sharing import find_blocks, find_copies, follow_charts, group_alike
+from leaflight.core.atlas.sharing import find_blocks, find_copies, follow_charts
 from leaflight.core.atlas.unwrap import Unwrapping
 from scenes import Mesh, box_mesh, grid_mesh, make_scene, moved, shared_mesh, split_faces
 
@@ -54,17 +54,6 @@ def test_the_stretched_and_the_tiny_are_left_out_or_have_a_block_of_their_own():
     slab = [shared_mesh(f"Slab {k}", BOX, (10, 10, 0.1)) for k in range(2)]
     names, _ = blocks_of([slab[0], *plain, slab[1], shared_mesh("Crumb", BOX, (0.05, 0.05, 0.05))])
     assert names == [["Plain 0", "Plain 1", "Plain 2"], ["Slab 0", "Slab 1"]]
-
-
-def test_other_corners_are_another_mesh():
-    other = Mesh("Other", BOX.vertex, BOX.polygons[:-1], shares=0)
-    bent = dataclasses.replace(shared_mesh("Bent", BOX), shares=1)
-    assert blocks_of([shared_mesh("A", BOX), other, bent]) == ([], [])
-
-
-def test_groups_gather_about_the_row_nearest_to_the_mean():
-    log_length = np.log(np.array([[1, 1], [1, 1.9], [1.05, 1.5], [1, 9], [1, 1.2], [2, 20]]))
-    assert group_alike(log_length) == [[1, 0, 2, 4], [3, 5]]
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1)])

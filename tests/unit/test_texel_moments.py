@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.texels import texel_moments
 from leaflight.core.texels.texel_moments import EvenSquares
-from leaflight.core.util.coverage import expand_ranges
 from trees import make_square_map
 
 SIDE = 64
@@ -45,23 +43,6 @@ def test_parts_of_squares_have_the_moments_of_their_texels(degree):
     np.testing.assert_allclose(expected[0], [texels.texel_area[one:other].sum() for one, other in zip(start, end, strict=True)], rtol=1e-12)
     found = squares.range_moments(start, end, centre, half, degree)
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13 * np.abs(expected).max())
-
-
-def test_what_lies_within_squares_is_not_summed_texel_by_texel(monkeypatch):
-    texels = make_square_map(SIDE, 1)
-    squares = squares_of(texels)
-    first = squares.first[squares.side == 16]
-    start, end = np.concatenate([[first, first + 256], [first + 64, first + 80], [first + 255, first + 256]], axis=1)
-    expected = squares.texel_area[start] * (end - start)
-    monkeypatch.setattr(texel_moments, "expand_ranges", lambda *lines: pytest.fail("summed") if len(lines[0]) else expand_ranges(*lines))
-    found = squares.range_moments(start, end, np.zeros((len(start), 2)), np.ones(len(start)), 0)
-    np.testing.assert_allclose(found[0], expected)
-
-
-def test_a_map_without_texels_has_no_moments():
-    none = EvenSquares(np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int32))
-    nothing = np.zeros(0, np.int64)
-    assert none.range_moments(nothing, nothing, np.zeros((0, 2)), np.zeros(0), 2).shape == (6, 0)
 
 
 def test_squares_are_where_all_texels_are_alike():

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from leaflight.core.texels import texels as module
 from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.texel_grid import interleave_bits
 from leaflight.core.texels.texels import TexelMap
 from leaflight.core.util.coverage import monomial_exponents
 from trees import make_map
-from words_heard import check_every_word_is_heard
 
 
 def world_areas(position: np.ndarray) -> np.ndarray:
@@ -87,12 +85,6 @@ def test_moments_of_ranges_match_one_polygon(degree: int) -> None:
     assert not moments[[2, 4]].any()
 
 
-def test_moments_above_the_maps_degree_are_refused() -> None:
-    texels = make_map([[[0, 0], [1, 0], [0, 1]]], degree=0)
-    with pytest.raises(ValueError, match="degree: expected at most 0"):
-        texels.range_moments(np.array([0]), np.array([1]), np.zeros((1, 2)), np.ones(1), 2)
-
-
 def test_asymmetric_page() -> None:
     """3 wide and 5 high, two triangles whose seam runs across: every texel is whole, rows run upwards."""
     quad = np.array([[1.0, 2.0], [4.0, 2.0], [4.0, 7.0], [1.0, 7.0]])
@@ -153,11 +145,6 @@ def test_empty_map() -> None:
     assert texels.chart_start.tolist() == [0]
     assert texels.texel_bary.shape == (0, 3)
     assert texels.sub_points(np.empty(0, np.int64), centred_strata(4))[0].shape == (4, 0)
-
-
-def test_chart_outside_its_page_is_refused() -> None:
-    with pytest.raises(ValueError, match="tri_uv: expected texels 0 to 8, got 0 to 9"):
-        make_map([[[0, 0], [9, 0], [0, 1]]])
 
 
 @settings(max_examples=30, deadline=None)
@@ -294,45 +281,6 @@ def test_a_texel_is_read_at_its_centre_where_that_is_covered() -> None:
     assert not central.all()
 
 
-def test_sub_points_of_any_entries() -> None:
-    """A subset in any order gives the same points as all at once."""
-    texels = make_map(fan(np.random.default_rng(8), 5, 6.0))
-    every = texels.sub_points(np.arange(len(texels.texel_area)), centred_strata(4))
-    some = np.array([7, 3, 3, 0])
-    tri, weight = texels.sub_points(some, centred_strata(4))
-    assert (tri == every[0][:, some]).all()
-    np.testing.assert_allclose(weight, every[1][:, some], atol=1e-5)
-
-
-def test_a_centre_on_the_diagonal_of_a_square_is_where_its_texel_is_read() -> None:
-    texels = make_map([[[0, 0], [8, 0], [8, 8]], [[0, 0], [8, 8], [0, 8]]])
-    diagonal = texels.texel_xy[:, 0] == texels.texel_xy[:, 1]
-    assert diagonal.sum() == 8
-    assert texels.is_central.all()
-    corner = texels.tri_uv[texels.texel_tri]
-    np.testing.assert_allclose(np.einsum("nk,nkj->nj", texels.texel_bary, corner), texels.texel_xy + 0.5, atol=1e-6)
-
-
-def test_charts_of_a_large_page_are_those_that_they_are_alone() -> None:
-    """Of one that fills its root, one that does not, one of a texel and one without; a large page is gone through in parts."""
-    uv = np.array(
-        [[[0, 0], [512, 0], [0, 512]], [[515, 3], [790, 3], [790, 925]], [[60, 900], [60.8, 900], [60.8, 900.8]], [[1, 1]] * 3], float
-    )
-    chart = [0, 1, 3, 2]
-    whole = make_map(uv, chart=chart, size=1024)
-    assert len(whole) > 200_000
-    assert np.diff(whole.chart_start).tolist()[2:] == [0, 1]
-    assert (np.diff(whole.list_keys(slice(None))) > 0).all()
-    for row, of in enumerate(chart[:3]):
-        alone = make_map(uv[row : row + 1], size=1024)
-        own = slice(whole.chart_start[of], whole.chart_start[of + 1])
-        for name in ("texel_xy", "texel_code", "texel_area"):
-            np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name)[own])
-        assert (whole.texel_tri[own] == row).all()
-        assert alone.chart_origin[0].tolist() == whole.chart_origin[of].tolist()
-        assert alone.chart_log2[0] == whole.chart_log2[of]
-
-
 def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
     quads = np.array([[[0, 0], [6, 0], [6, 6]], [[0, 0], [6, 6], [0, 6]]], float)
     # The first two share texels, of which each covers some centres alone; of the last two one covers less, but the centres.
@@ -351,43 +299,3 @@ def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
     assert not shown.all()
     assert texels.entry_at.shape == (3, 8, 8)
     assert (texels.entry_at >= 0).sum() == shown.sum()
-
-
-def test_places_on_many_large_pages_are_told_apart():
-    """Beyond what 32 bits hold."""
-    texels = make_map([[[0, 0], [8, 0], [8, 8]], [[0, 0], [8, 8], [0, 8]]])
-    x, y = texels.texel_xy.T.tolist()
-    for pages, page in ((1, 0), (2, 1), (40, 39)):
-        moved = dataclasses.replace(texels, page_size=16384, page_count=pages, chart_page=np.array([page], np.int32))
-        expected = [(page * 16384 + row) * 16384 + column for column, row in zip(x, y, strict=True)]
-        assert moved._find_cells(np.arange(64)).tolist() == expected
-
-
-def cells(count: int, size: float) -> np.ndarray:
-    """Triangles of so many squares a side."""
-    corner = np.stack(np.meshgrid(np.arange(count), np.arange(count)), axis=-1).reshape(-1, 1, 2)
-    halves = [corner + np.array(half) for half in ([[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]])]
-    return np.concatenate(halves) * size / count
-
-
-def test_how_far_the_measuring_is_is_told_again_and_again():
-    """Of small triangles, which texels cover in part, and of one that holds many texels."""
-    for uv, size in ((cells(200, 256), 256), (cells(1, 1024), 1024)):
-        told = []
-        make_map(uv, size=size, watch=lambda *word, told=told: told.append(word))
-        said, share, about = zip(*told, strict=True)
-        assert (set(said), set(about)) == ({module.MEASURING}, {""})
-        assert share[0] == 0.0
-        assert (np.diff([*share, 1.0]) >= 0.0).all()
-    assert np.diff([*share, 1.0]).max() < 0.6, "one triangle has no parts to go through"
-
-
-def test_small_triangles_are_gone_through_in_small_steps():
-    share = []
-    make_map(cells(200, 256), size=256, watch=lambda said, done, about: share.append(done))
-    assert np.diff([*share, 1.0]).max() < 0.2
-
-
-def test_whoever_wants_no_texels_any_more_is_heard_at_every_word():
-    uv = cells(4, 16)
-    check_every_word_is_heard(lambda watch: make_map(uv, size=16, watch=watch))

@@ -39,19 +39,6 @@ def test_meshes_of_one_question_lie_side_by_side():
     assert (uv.max(axis=(0, 1)) < other_uv.min(axis=(0, 1))).any() or (other_uv.max(axis=(0, 1)) < uv.min(axis=(0, 1))).any()
 
 
-def test_charts_of_dense_meshes_are_grown_otherwise():
-    """Of a wavy sheet of 2,048 triangles, which is cut where it is steep, or is one chart that is joined of small ones."""
-    x, y = np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33), indexing="ij")
-    wave = np.sin(2 * np.pi * x + y) / 6
-    position = np.stack([x, y, wave], axis=-1).reshape(-1, 3).astype(np.float32) * 30.0
-    corner = (np.arange(32)[:, None] * 33 + np.arange(32)).ravel()
-    triangles = np.concatenate([np.stack([corner, corner + 33, corner + 34], 1), np.stack([corner, corner + 34, corner + 1], 1)])
-    mesh = position, triangles.astype(np.uint32)
-    (chart, _), (dense, _) = unfold_meshes([mesh], 1000.0).result()[0], unfold_meshes([mesh], 1000.0, dense=True).result()[0]
-    assert chart.min() == dense.min() == 0, "nothing is left out"
-    assert (chart != dense).mean() > 0.2
-
-
 def test_what_has_no_area_is_left_out():
     ((chart, uv),) = unfold_meshes([NOTHING], 1.0).result()
     assert chart.tolist() == [-1]
@@ -126,14 +113,6 @@ def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch
 
     assert unfolding.wait_for(unfolder.ask([SQUARE], 1.0), watch) == [1.0]
     assert len(calls) >= 3
-
-
-def test_to_give_up_an_answer_that_is_there_harms_no_child(unfolder, monkeypatch):
-    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
-    answer = unfold_meshes([SQUARE], 1.0)
-    answer.result(60)
-    unfolding.give_up(answer)
-    assert unfolder._child.poll() is None
 
 
 def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):

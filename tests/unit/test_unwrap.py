@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from leaflight.core.atlas import unwrap as unwrap_module
 from leaflight.core.atlas.layer_check import find_overlaps, signed_areas
 from leaflight.core.atlas.unwrap import Unwrapping
 from leaflight.core.util.geometry import triangle_normals_areas
@@ -142,40 +141,6 @@ def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
     _, alone, *_ = check_promises(spoon)
     _, together, *_ = check_promises(hall)
     assert together.max() == alone.max() + 1
-
-
-def test_nothing_is_unwrapped_to_nothing():
-    empty = np.zeros((0, 3), int)
-    chart, uv, shared = Unwrapping(np.zeros((0, 3, 3)), empty, np.zeros(0, int), empty, np.zeros(0, int)).finish()
-    assert (chart.shape, uv.shape, shared.shape) == ((0,), (0, 3, 2), (0, 3))
-
-
-TOGETHER = ["box", "sphere", "both sides", "bent grid 1.5", "one triangle", "two of every face"]
-
-
-def test_objects_that_are_unwrapped_together_have_the_charts_that_each_has_by_itself():
-    meshes = [moved(SOUND[name], (7.0 * k, 0.0, 0.0), 10.0 ** (k - 3)) for k, name in enumerate(TOGETHER)]
-    scene = make_scene(meshes)
-    apart = [np.concatenate([[0], np.cumsum(np.bincount(scene.tri_object))])[k] for k in range(len(meshes) + 1)]
-    numbers = [scene.tri_object * 10_000 + values for values in (scene.tri_polygon, scene.tri_corner.T)]
-    chart, uv, shared = Unwrapping(scene.tri_position, scene.tri_vertex, numbers[0], numbers[1].T, scene.tri_object).finish()
-    done = 0
-    for k, mesh in enumerate(meshes):
-        own = slice(apart[k], apart[k + 1])
-        _, alone, alone_uv, alone_shared = unwrap(mesh)
-        np.testing.assert_array_equal(chart[own], alone + done)
-        length, alone_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv[own], alone_uv))
-        np.testing.assert_allclose(length, alone_length, rtol=2e-4)
-        np.testing.assert_array_equal(shared[own], alone_shared)
-        done += alone.max() + 1
-
-
-@pytest.mark.parametrize(("name", "drawn"), [("box", False), ("sphere", False), ("both sides", False), ("two of every face", True)])
-def test_only_charts_that_may_lie_over_themselves_are_drawn(monkeypatch, name, drawn):
-    real, asked = unwrap_module.find_overlaps, []
-    monkeypatch.setattr(unwrap_module, "find_overlaps", lambda uv: asked.append(len(uv)) or real(uv))
-    unwrap(SOUND[name])
-    assert bool(asked) == drawn
 
 
 def test_a_polygon_that_its_plane_lays_over_itself_is_laid_out_on_a_circle():
