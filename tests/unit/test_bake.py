@@ -12,19 +12,14 @@ import pytest
 from boxes import lamp_scene, room_mesh
 from leaflight.core.bake import bake, preview, solve
 from leaflight.core.bake.checkpoint import read_info
-from leaflight.core.bake.first_photons import FirstPhotons
-from leaflight.core.bake.gather_plan import GatherPlan
-from leaflight.core.integrate import texel_light
-from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
 from leaflight.core.output.image_file import read_image
 from leaflight.core.parallel import executors
 from leaflight.core.radiosity import quadtree
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
-from leaflight.core.transport import traced_scene
 from leaflight.core.util.encodings import ENCODINGS
-from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Done, Preview, Progress, Status, Warning_
 from leaflight.core.util.settings import IMAGE_FORMATS, PASSES, Settings
 from scenes import make_scene, moved, quad_mesh, shade_smooth, sphere_mesh
@@ -54,20 +49,6 @@ def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: Fal
 def list_files(folder):
     """All but the note of kept_bake."""
     return sorted(path.name for path in Path(folder).rglob("*") if not path.name.startswith(".leaflight_"))
-
-
-def test_grain_of_direct_light_is_smoothed_before_the_next_photons_are_asked_for(tmp_path, monkeypatch):
-    """And is not begun where no photons follow, or direct light is not of rays."""
-    done = []
-    for thing, name in ((DirectField, "begin_show"), (solve.Solver, "run")):
-        before = getattr(thing, name)
-        monkeypatch.setattr(thing, name, lambda self, *args, name=name, before=before: done.append(name) or before(self, *args))
-    bake_scene(tmp_path / "both", lamp_scene())
-    assert done[:2] == ["begin_show", "run"]
-    done.clear()
-    bake_scene(tmp_path / "photons", lamp_scene(), replace(QUICK, direct="photons"))
-    bake_scene(tmp_path / "direct", lamp_scene(), replace(QUICK, passes=("direct",)))
-    assert done == ["run"]
 
 
 def test_trees_begin_finer_below_a_ball(tmp_path, monkeypatch):
@@ -158,16 +139,6 @@ def test_rows_of_objects_are_those_of_the_image(tmp_path):
     assert metadata["leaflight:pass"] == "combined"
 
 
-def test_layout_is_of_the_snapshot(tmp_path):
-    scene = lamp_scene()
-    bake_scene(tmp_path, scene)
-    with np.load(tmp_path / LAYOUT_FILE) as layout:
-        assert layout["tri_uv"].shape == (scene.n_tri, 3, 2)
-        assert 0 <= layout["tri_uv"].min() < 0.5 < layout["tri_uv"].max() <= 1
-        assert layout["tri_chart"].shape == (scene.n_tri,)
-        assert layout["object_page"].tolist() == [0, 0]
-
-
 def test_a_folder_can_be_used_again(tmp_path):
     """What a process keeps open must not outlive the bake: the second scene is another one."""
     bright = lamp_scene()
@@ -245,17 +216,6 @@ def test_how_far_the_unwrapping_has_come_is_told(tmp_path, monkeypatch):
     assert told == ["Unwrapping", "Unwrapping, 0%: One", "Unwrapping, 50%: Two"]
 
 
-def test_rays_that_gathered_in_vain_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(GatherPlan, "pays", lambda plan, *_: plan.given_up == math.inf)
-    settings = replace(QUICK, error=1e-4, max_photons=600_000)
-    _, result = bake_scene(tmp_path / "1", lamp_scene(), settings)
-    monkeypatch.setattr(GatherPlan, "pays", lambda plan, *_: False)
-    _, alone = bake_scene(tmp_path / "2", lamp_scene(), settings)
-    assert (result["gathered"], result["photons"]) == ({}, alone["photons"])
-    indirect = [one["rays"] - one["direct"]["rays"] for one in (result, alone)]
-    assert indirect[0] > indirect[1] + 4 * result["objects"][0]["texels"]
-
-
 def test_what_was_changed_is_told(tmp_path):
     scene = replace(lamp_scene(), materials=(Material("Snow", (2.0, 2.0, 2.0)),))
     messages, _ = bake_scene(tmp_path, scene)
@@ -281,26 +241,6 @@ def test_whoever_traces_is_sent_home_however_the_bake_ends(tmp_path, monkeypatch
     with pytest.raises(raises) if raises else nullcontext():
         bake.run_bake(tmp_path, lambda message: None, lambda: end == "stopped", lambda settings: Traced())
     assert ended == [True]
-
-
-def test_processes_start_once_there_are_charts_and_read_the_scene_while_texels_are_made(tmp_path, monkeypatch):
-    """xatlas has the machine before."""
-    called, messages = [], []
-    waiting = executors.LocalExecutor(2)
-    for name in ("wake", "on_each"):
-        monkeypatch.setattr(executors.LocalExecutor, name, lambda self, *given, name=name: called.append((name, messages[-1].stage, given)))
-    monkeypatch.setattr(FirstPhotons, "send", lambda *_: FirstPhotons())
-    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
-    Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
-    bake.run_bake(tmp_path, messages.append, lambda: False, lambda settings: waiting)
-    assert called[:2] == [("wake", "charts", ()), ("on_each", "charts", (traced_scene.open_ahead, str(tmp_path)))]
-
-
-def test_a_bake_that_goes_on_traces_no_first_photons(tmp_path, monkeypatch):
-    state, folder = str(tmp_path / "state"), tmp_path / "scene"
-    bake_scene(folder, lamp_scene(), keep=state)
-    monkeypatch.setattr(FirstPhotons, "send", lambda *_: pytest.fail("they are there"))
-    bake_scene(folder, lamp_scene(), replace(QUICK, max_photons=40_000), resume=state)
 
 
 def test_a_damaged_snapshot_is_a_sentence(tmp_path):
@@ -400,19 +340,6 @@ def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path, patient):
     assert "direct" not in rest["seconds"]
     assert [message.stage for message in messages if isinstance(message, Status)][-2:] == ["write", "keep"]
     assert read_info(Path(kept)).photons == whole["photons"]
-
-
-@pytest.mark.parametrize("keep", [True, False])
-def test_what_was_found_by_rays_is_written_over_where_no_state_is_kept(tmp_path, monkeypatch, keep):
-    given, find = [], texel_light.light_at_texels
-
-    def watch(*arguments, spend):
-        given.append(spend)
-        return find(*arguments, spend=spend)
-
-    monkeypatch.setattr(texel_light, "light_at_texels", watch)
-    bake_scene(tmp_path, lamp_scene(), keep=str(tmp_path / "kept") if keep else "")
-    assert given == [not keep]
 
 
 def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_path):

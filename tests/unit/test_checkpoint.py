@@ -116,17 +116,6 @@ def test_shards_that_were_under_way_when_a_bake_stopped_are_not_missing_when_it_
     assert light_bytes(go_on(tmp_path / "more", tmp_path / "again", settings)) == light_bytes(whole)
 
 
-def test_shards_that_were_under_way_are_left_out_where_a_bake_may_not_have_so_many(tmp_path, monkeypatch):
-    monkeypatch.setattr(rounds, "SHARD_PHOTONS", 1 << 13)
-    kept, part = keep(tmp_path, SETTINGS, 2)
-    late = load_checkpoint(kept, tmp_path / "first", SETTINGS).late
-    shared, share = [], rounds.share_photons
-    monkeypatch.setattr(rounds, "share_photons", lambda photons, ahead: shared.append(photons) or share(photons, ahead))
-    few = replace(SETTINGS, max_photons=part.photons + late[0]["photons"])
-    assert go_on(tmp_path, kept, few).photons == few.max_photons
-    assert shared == [late[0]["photons"]]
-
-
 def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)  # so that the first turn is too coarse
     settings = replace(SETTINGS, error=0.008, max_photons=3_000_000)
@@ -138,7 +127,7 @@ def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch)
 
 def test_light_that_is_gathered_after_every_round_is_that_of_a_bake_that_was_not_stopped(tmp_path, monkeypatch):
     monkeypatch.setenv(ablation.VARIABLE, "gathering_plan")
-    settings = replace(SETTINGS, error=0.003, max_photons=10**9)
+    settings = replace(SETTINGS, size=12, error=0.003, max_photons=1_600_000)
     whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings), 4)
     kept, _ = keep(tmp_path, settings, 3)
     solver = make_solver(tmp_path / "second", lamp_scene(), settings, begun=False)
@@ -170,16 +159,6 @@ def test_an_error_reached_already_needs_no_photon(tmp_path):
     kept, first = keep(tmp_path, replace(SETTINGS, error=0.3), stop_after=2)
     again = go_on(tmp_path, kept, replace(SETTINGS, error=0.9))
     assert (again.photons, again.stopped_by) == (first.photons, "error")
-
-
-def test_direct_light_is_shown_as_fits_the_error_that_is_asked_for_now(tmp_path):
-    kept, _ = keep(tmp_path, replace(SETTINGS, error=0.3), stop_after=2)
-    smoothed = []
-    for error in (0.3, 1e-4):
-        solver = make_solver(tmp_path / f"to {error}", lamp_scene(), replace(SETTINGS, error=error), begun=False)
-        load_checkpoint(kept, tmp_path / f"to {error}", SETTINGS).give_to(solver)
-        smoothed.append(len(solver.direct.show(solver.tracing.texels, smooth=True).entry))
-    assert smoothed[0] < smoothed[1]
 
 
 def test_a_state_may_be_kept_where_it_came_from(tmp_path, kept):

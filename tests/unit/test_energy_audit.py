@@ -28,11 +28,3 @@ def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights
     }
     assert ledger.photon_w() == pytest.approx([2.0 / 300.0, 0.0, 0.0])
     assert (ledger.photons, ledger.total_weight, ledger.rays, ledger.deposits) == (150, 300.0, 450, 150)
-
-
-def test_lost_light_is_that_of_the_channel_that_loses_most():
-    ledger = Ledger()
-    assert ledger.find_lost() == 0.0
-    ledger.energy_w["emitted"][:] = 4.0, 10.0, 0.0
-    ledger.energy_w["remainder"][:] = 1.0, 5.0, 0.0
-    assert ledger.find_lost() == 0.5

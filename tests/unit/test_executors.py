@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor
-from functools import partial
 
 import pytest
 from leaflight.addon.app import boot
@@ -17,11 +16,6 @@ from processes import wait_until_ready
 
 def fail(number):
     raise ValueError(f"shard {number}")
-
-
-def test_inline_executor_gives_results_in_order():
-    with executors.InlineExecutor() as executor:
-        assert list(executor.map(abs, [-3, 2, -1])) == [3, 2, 1]
 
 
 def test_inline_executor_hands_errors_on_with_the_result():
@@ -61,14 +55,6 @@ def test_nothing_waits_for_a_process_that_is_still_starting():
         assert executor.submit(os.getpid).result() == os.getpid()  # to start takes a tenth of a second at least
         wait_until_ready(executor)
         assert executor.submit(os.getpid).result() != os.getpid()
-
-
-def test_a_process_that_is_killed_while_it_is_set_apart_is_told():
-    with executors.LocalExecutor(2) as executor:
-        wait_until_ready(executor)
-        with pytest.raises(BrokenExecutor):
-            executors.set_apart(executor, partial(os._exit, 1))()
-        assert executors.set_apart(executor, os.getpid)() == os.getpid()  # by who asks
 
 
 def test_a_process_that_was_killed_is_told_from_then_on():
@@ -133,16 +119,6 @@ def test_calls_are_spread_over_processes_of_this_machine_alone():
             raise AssertionError("arrays would be sent over the network")
 
     assert set(executors.spread(Elsewhere(), os.getpid, [()] * 3)) == {os.getpid()}
-
-
-def test_an_abandoned_map_leaves_nothing_to_do():
-    with executors.LocalExecutor(2) as executor:
-        wait_until_ready(executor)
-        results = executor.map(tell_process, [0.01] * 500)
-        next(results)
-        assert executor._waiting
-        results.close()
-        assert all(call.cancelled() for call in executor._waiting)
 
 
 @pytest.mark.parametrize(

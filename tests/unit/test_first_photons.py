@@ -12,7 +12,6 @@ from leaflight.core.bake.first_photons import FirstPhotons
 from leaflight.core.bake.photon_shards import PhotonShard
 from leaflight.core.parallel import executors, folders
 from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.transport import rounds
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 
@@ -53,26 +52,6 @@ def shard_of(round_, number, photons, **others):
     return PhotonShard(
         tracing="", view="", seed=0, round=round_, shard=number, photons=photons, max_depth=9, degree=1, skip_first=True, **others
     )
-
-
-def test_the_second_round_is_the_same_and_tells_the_third_the_same(tmp_path, awake, monkeypatch):
-    """Where photons parted is told once there are trees."""
-    monkeypatch.setattr(rounds, "AHEAD_PHOTONS", (10_000, 20_000))
-    monkeypatch.setattr(rounds, "FIRST_ROUND_PHOTONS", 10_000)
-    monkeypatch.setattr(rounds, "MOST_FIRST_PHOTONS", 15_000)
-    settings, told = Settings(size=32, padding=1, max_photons=100_000, error=1e-3, gather=False), []
-    for name, is_ahead in (("ahead", True), ("alone", False)):
-        solver = begin(tmp_path / name, settings, awake, 4 * is_ahead)
-        solver._refine(solver.reading)
-        solver._trace_round(None)
-        assert solver.ledger.photons >= 30_000
-        assert not list((tmp_path / name).glob("hits_*"))  # read once
-        solver.reading = solver._read_tallies()
-        splitting, weight = solver._guide_photons()
-        assert weight > 1.0
-        told.append((solver.reading.solution.coefficient.tobytes(), splitting.factor.tobytes(), weight, solver.ledger.rays))
-        folders.forget_folders()
-    assert told[0] == told[1]
 
 
 def test_what_goes_wrong_there_is_told_where_they_are_taken(tmp_path, awake):

@@ -105,14 +105,6 @@ def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, mon
     assert np.isfinite(texel_light.light_at_texels(light, solver.tracing.texels).indirect).all()
 
 
-@pytest.mark.slow
-def test_gathered_light_is_smoothed_as_fits_the_error_asked_for(tmp_path, monkeypatch):
-    light, solver, _ = halt(tmp_path, monkeypatch, 10**6, error=0.004)
-    texels, found = solver.tracing.texels, light.gathered
-    plain = GatheredField(found.irradiance, found.variance, found.passes, doubt=found.doubt)
-    assert len(found.show(texels, True).entry) > len(plain.show(texels, True).entry)
-
-
 def test_texels_that_nothing_was_gathered_of_keep_the_light_of_the_leaves(gathered):
     light, solver = gathered
     passes = light.gathered.passes.copy()

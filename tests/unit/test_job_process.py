@@ -197,35 +197,6 @@ def test_a_yielding_bake_steps_back_on_a_desktop_too(dummy):
     process.kill()
 
 
-@needs_proc
-@pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGKILL)", "sys.stdin.read(); os._exit(4)"])
-def test_idle_workers_end_with_the_process_they_work_for(tmp_path, end):
-    """They wait for work, and a killed process cannot say that there is none."""
-    boot = Path(job.__file__).with_name("boot.py")
-    program = tmp_path / "program.py"
-    program.write_text(
-        f"import os, runpy, signal, sys, time\nrunpy.run_path({str(boot)!r}, run_name=__name__ if __name__ != '__main__' else 'boot')\n"
-        "if __name__ == '__main__':\n"
-        "    from leaflight.core.parallel.executors import make_executor\n"
-        "    executor = make_executor(2)\n"
-        "    print(*{future.result() for future in [executor.submit(os.getpid) for _ in range(2)]}, flush=True)\n"
-        "    print(*executor._pool._processes, flush=True)\n"
-        f"    sys.stdin.readline(); {end}\n",
-        encoding="utf-8",
-    )
-    with subprocess.Popen([sys.executable, str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
-        parent.stdout.readline()
-        workers = [int(pid) for pid in parent.stdout.readline().split()]
-        assert workers
-        assert all(map(is_alive, workers))
-        parent.stdin.write("go\n")
-        parent.stdin.close()
-    left = wait_for_end(workers)
-    for pid in left:
-        os.kill(pid, signal.SIGKILL)
-    assert left == []
-
-
 def test_a_sentence_of_the_core_comes_as_error(start, tmp_path):
     (tmp_path / "out").write_text("a file where the folder of the images should be")
     process = start(replace(ENDLESS, max_photons=2000, workers=1))
@@ -264,36 +235,6 @@ def test_numpy_starts_no_threads_of_its_own(dummy):
     )
     *_, error = process.messages()
     assert error.text == "threads 1"
-
-
-def test_processes_that_were_started_ahead_are_closed_whatever_becomes_of_the_bake(dummy, tmp_path):
-    """Python 3.13.0 may else wait for itself, where one of them dies as they are dropped."""
-    boot = Path(job.__file__).with_name("boot.py")
-    process = dummy(
-        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
-        "from leaflight.core.bake import bake\nfrom leaflight.core.parallel import executors\n"
-        "folder = pathlib.Path(sys.argv[1])\n"
-        "class Ahead(executors.Ahead):\n"
-        "    def __init__(self, load_ahead):\n        super().__init__(load_ahead)\n        (folder / 'ahead').touch()\n"
-        "    def close(self):\n        super().close()\n        (folder / 'ahead').rename(folder / 'closed')\n"
-        "def fail(*given): raise ValueError(f'no bake by {type(given[-1].__self__).__name__}')\n"
-        "executors.Ahead, bake.run_bake = Ahead, fail\n"
-        "if __name__ == '__main__': sys.exit(main(folder))\n"
-    )
-    limit = time.monotonic() + PATIENCE_S
-    while not (tmp_path / "ahead").exists() and time.monotonic() < limit:
-        time.sleep(0.01)
-    *_, error = process.messages()
-    assert (error.text, process._process.returncode) == ("no bake by Ahead", 1)
-    assert (tmp_path / "closed").exists()
-
-
-def test_the_systems_own_words_become_a_sentence(start, tmp_path):
-    (tmp_path / "texels").write_text("in the way of a folder of temporary files")
-    last = list(start(replace(ENDLESS, workers=1)).messages())[-1]
-    assert isinstance(last, Error)
-    assert "temporary files cannot be kept there (File exists)" in last.text
-    assert "TMPDIR" in last.text
 
 
 @pytest.mark.parametrize(
@@ -342,16 +283,6 @@ def test_nothing_follows_the_childs_own_end(dummy):
     assert messages == [Error("no light")]
 
 
-def test_the_result_may_be_read_before_the_child_ends(dummy, tmp_path):
-    """It is then waited for, so that it can put away what it holds."""
-    process = dummy(f"tell('DONE', result='', interrupted=False); time.sleep(0.5); open({str(tmp_path / 'put_away')!r}, 'w')")
-    assert run_to(process, Done) == Done("", interrupted=False)
-    assert process._process.poll() is None
-    process.close()
-    assert process._process.returncode == 0
-    assert (tmp_path / "put_away").exists()
-
-
 def test_who_has_the_result_lets_the_child_end_in_good_order(replace_bake, tmp_path):
     """And who leaves before there is one does not wait for it."""
     replace_bake(f"tell('DONE', result='', interrupted=False); time.sleep(0.3); open({str(tmp_path / 'put_away')!r}, 'w')")
@@ -381,15 +312,6 @@ def test_what_the_child_has_started_is_killed_with_it(dummy):
 def test_a_line_that_is_no_message_is_told(dummy):
     with pytest.raises(ValueError, match="not a Leaflight message: 'hello"):
         list(dummy("print('hello')").messages())
-
-
-def test_kill_ends_a_child_that_does_not_listen(dummy):
-    process = dummy("tell('STATUS', stage='a', text='b'); time.sleep(600)")
-    next(process.messages())
-    start_s = time.monotonic()
-    process.kill()
-    assert process._process.returncode == -signal.SIGKILL
-    assert time.monotonic() - start_s < PATIENCE_S
 
 
 def test_the_child_gets_the_folders_of_its_packages(dummy, tmp_path):

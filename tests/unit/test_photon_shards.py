@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, to_bytes
 from leaflight.core.bake import photon_shards
-from leaflight.core.bake.photon_shards import PhotonShard, trace_ahead, trace_photons
+from leaflight.core.bake.photon_shards import PhotonShard, trace_photons
 from leaflight.core.parallel import folders, shared_arrays
 from leaflight.core.radiosity.splitting_guide import Splitting
 from leaflight.core.radiosity.tree_view import TreeView
@@ -51,14 +51,6 @@ def test_a_photon_shard_is_a_pure_function(photon_shard):
 @pytest.mark.parametrize("change", [{"seed": 2}, {"round": 1}, {"shard": 1}])
 def test_seed_round_and_shard_each_give_other_photons(photon_shard, change):
     assert to_bytes(trace_photons(replace(photon_shard, **change))) != to_bytes(trace_photons(photon_shard))
-
-
-def test_each_photon_carries_all_the_light(photon_shard):
-    """Sums are divided by the photons of the whole bake when they are read."""
-    few, many = (trace_photons(replace(photon_shard, photons=n)) for n in (5000, 10_000))
-    assert many.audit.emitted == pytest.approx(2 * few.audit.emitted, rel=1e-3)  # but for the few that come from beside the lamp's disk
-    assert few.counters.photons == 5000
-    assert few.tally.raw[:, 0, 0].sum() == pytest.approx(many.tally.raw[:, 0, 0].sum() / 2, rel=0.1)
 
 
 def test_photons_of_more_weight_carry_more(photon_shard):
@@ -114,22 +106,3 @@ def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
     assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half
     if guided:
         assert result.splitting.noise.sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
-
-
-def test_skipping_first_hits_leaves_the_indirect_part(photon_shard):
-    whole, rest = (trace_photons(replace(photon_shard, photons=400_000, skip_first=skip)) for skip in (False, True))
-    assert whole.tally.raw[0].any()
-    assert len(rest.tally.raw) == 1  # the indirect component alone
-    assert rest.tally.raw[0, 0, 0].sum() == pytest.approx(
-        whole.tally.raw[1, 0, 0].sum(), rel=0.1
-    )  # few hit more than one surface: 3 % by chance
-
-
-def test_so_much_is_not_traced_ahead(photon_shard, tmp_path, monkeypatch):
-    shard = replace(photon_shard, hits=str(tmp_path / "hits"))
-    monkeypatch.setattr(photons, "MOST_HITS", 200)
-    assert not trace_ahead(shard)
-    assert not (tmp_path / "hits").exists()
-    monkeypatch.undo()
-    assert trace_ahead(shard)
-    assert to_bytes(trace_photons(shard)) == to_bytes(trace_photons(photon_shard))

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import pickle
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,16 +117,6 @@ def test_roulette_keeps_the_greatest_channel():
     np.testing.assert_allclose(flux.max(axis=0), 12 / 2000, rtol=1e-4)
 
 
-def test_same_stream_same_bytes_also_from_a_copy():
-    scene = _build(_snapshot(_cube()), _white_lamp(), _white_lamp(3.0, place_unit=(0.1, 0.2, 0.3)))
-    first, again, copy = _trace(scene), _trace(scene), _trace(pickle.loads(pickle.dumps(scene)))
-    other = _trace(scene, shard=1)
-    for name in ("tri", "u", "v", "flux_rgb", "is_first"):
-        assert getattr(first, name).tobytes() == getattr(again, name).tobytes() == getattr(copy, name).tobytes()
-    assert first.counters == again.counters
-    assert first.u.tobytes() != other.u.tobytes()
-
-
 def _face_share(place_unit) -> np.ndarray:
     hits = _trace(_build(_snapshot(_cube()), _white_lamp(place_unit=place_unit)), max_depth=1)
     return np.bincount(hits.tri[hits.is_first] // 2, minlength=6) / N
@@ -225,29 +214,6 @@ def test_photons_whose_first_hit_is_skipped_go_there_together_and_part():
     np.testing.assert_allclose(on_tri[1], on_tri[0], rtol=0.08)
 
 
-def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
-    """Two rooms without ceilings, each with a wall that has no lightmap, in many small waves: what parts in one room stays there."""
-    monkeypatch.setattr(photons, "BATCH", 4096)
-    room = _cube()[:-2]
-    bare = np.tile(np.arange(len(room)) < 2, 2).astype(np.int32)
-    objects = (SceneObject("Room"), SceneObject("Bare", receives=False))
-    snapshot = _snapshot(
-        np.concatenate([room, room + np.array([3.0, 0.0, 0.0])]), (Material("White", (0.9,) * 3),), tri_object=bare, objects=objects
-    )
-    place_unit = geometry.UnitBox.from_points(snapshot.vertex_position).to_unit(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    scene = _build(snapshot, *(_white_lamp(place_unit=tuple(place)) for place in place_unit))
-    n_tri = np.int32(len(room))
-
-    def split_at(tri, u, v):
-        return tri // n_tri, np.ones(len(tri), np.float32)
-
-    hits = _trace_whole(scene, N, 1.0, sampling.shard_rng(7, 0, 0), 1000, True, split_at)
-    assert 0 < hits.counters.deposits < hits.groups.rays.sum()
-    np.testing.assert_array_equal(hits.groups.place[hits.groups.owner], hits.tri // n_tri)
-    share = np.bincount(hits.groups.place, hits.groups.rays) / hits.groups.rays.sum()
-    np.testing.assert_allclose(share, 0.5, atol=0.03)
-
-
 def test_photons_part_in_groups_as_they_are_told():
     """On the floor twice as many as elsewhere: the same light, and each deposit and ray belongs to a group."""
     scene = _build(_snapshot(_cube(), (Material("Red", (0.8, 0.5, 0.1)),)), _white_lamp())
@@ -273,28 +239,6 @@ def test_photons_part_in_groups_as_they_are_told():
     assert per_group[4] / np.mean(per_group[:4]) == pytest.approx(4, rel=0.1)
 
 
-def test_photons_that_part_go_apart(monkeypatch):
-    """Half of them are reflected, spread over the hemisphere: one in each of so many turns and of so many heights."""
-    asked, scatter = [], photons._scatter
-    monkeypatch.setattr(photons, "_scatter", lambda normal, numbers: asked.append(numbers.copy()) or scatter(normal, numbers))
-    half = _build(_snapshot(_cube(), (Material("Half", (0.5,) * 3),)), _white_lamp())
-    _trace(half, 4000, skip_first=True, max_depth=1)
-    (numbers,), left = asked, photons.SPLIT // 2
-    cells = np.sort((numbers.reshape(2, -1, left) * left).astype(int), axis=2)
-    np.testing.assert_array_equal(cells, np.broadcast_to(np.arange(left), cells.shape))
-
-
-def test_photons_that_part_take_no_light_with_them_and_leave_none():
-    flux = np.repeat(np.float32([[1.0], [2.0], [4.0]]), 1000, axis=1)
-    flux[:, 0] = 0
-    albedo = np.float32([[0.9], [0.9], [0.3]]).repeat(1000, axis=1)
-    alive, count, left = photons._play_roulette(flux, albedo, np.float32(photons.SPLIT), np.random.default_rng(3))
-    np.testing.assert_array_equal(alive, np.arange(1, 1000))
-    assert set(count) == {int(photons.SPLIT * 0.45), int(photons.SPLIT * 0.45) + 1}  # the greatest channel keeps 1.8 of 4
-    np.testing.assert_allclose(left.max(axis=0), 4 / photons.SPLIT, rtol=1e-6)
-    np.testing.assert_allclose((left * count).sum(axis=1), (flux * albedo).sum(axis=1), rtol=0.02)
-
-
 def test_audit_closes_with_escape_depth_limit_colours_and_softness():
     surfaces = (Material("A", (0.9, 0.3, 0.0)), Material("B", (0.2, 0.8, 0.999)))
     open_box = _snapshot(_cube()[:10], surfaces, [0, 1] * 5)
@@ -304,18 +248,6 @@ def test_audit_closes_with_escape_depth_limit_colours_and_softness():
     for part in (audit.emitted, audit.absorbed, audit.escaped, audit.remainder):
         assert (part > 0).all()
     assert audit.emitted[2] < 900  # after the falloff
-
-
-def test_emitters_get_their_share_to_within_one_photon():
-    lamps = [_white_lamp(watts, place_unit=(0, 0, 0.1 * k), along=(0, 0, -1)) for k, watts in enumerate((1.0, 0.0, 2.0, 1e-3, 4.0))]
-    lamps = [
-        dataclasses.replace(lamp, along=tuple(axis)) for lamp, axis in zip(lamps, [*np.eye(3), -np.eye(3)[0], -np.eye(3)[1]], strict=True)
-    ]
-    hits = _trace(_build(_snapshot(_cube()), *lamps), 1001, max_depth=1)
-    counts = np.bincount(hits.tri // 2, minlength=6)  # each lamp has a face of its own
-    expected = 1001 * np.array([1e-3, 1.0, 4.0, 0, 0, 2.0]) / 7.001
-    assert np.abs(counts - expected).max() < 1
-    assert hits.flux_rgb.sum() == pytest.approx(3 * 7.001, rel=1e-5)
 
 
 def test_photons_choose_emitters_by_their_watts(hold):

@@ -36,13 +36,6 @@ def test_first_light_is_all_of_the_light(tmp_path):
     assert lit.std() < 0.4
 
 
-@pytest.mark.parametrize("direct", ["rays", "photons"])
-def test_first_light_is_of_the_scene_whatever_finds_its_direct_light_later(tmp_path, direct):
-    pages, _ = make_pages(tmp_path, lamp_scene(), replace(SETTINGS, direct=direct, hierarchical=False))
-    (page,) = pages.draw(first_light(tmp_path, replace(SETTINGS, direct=direct, hierarchical=False)))
-    assert page[page[..., 3] > 0][:, 0].astype(float).mean() > 0.05
-
-
 def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
     for name in ("combined", "lighting", "direct", "indirect", "diffuse", "emission", "albedo"):
         settings = replace(SETTINGS, passes=(name,))
@@ -90,13 +83,6 @@ def test_large_pages_are_shown_smaller_and_as_bright(tmp_path, monkeypatch):
     assert small.shape == (11, 11, 4)
     means = [page[page[..., 3] > 0][:, 0].astype(float).mean() for page in (whole, small)]
     assert means[0] == pytest.approx(means[1], rel=0.05)
-
-
-def test_colour_runs_on_beyond_the_charts(tmp_path):
-    pages, _ = make_pages(tmp_path, furnace_scene(0.5))
-    (page,) = pages.draw(first_light(tmp_path, SETTINGS))
-    margin = (page[..., 3] == 0) & (page[..., 0] > 0)
-    assert margin.any()
 
 
 def test_pages_come_no_faster_than_they_may_cost(tmp_path, monkeypatch):

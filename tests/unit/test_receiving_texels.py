@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core.atlas.chart_cache import ChartCache
-from leaflight.core.bake import receiving_texels
 from leaflight.core.bake.receiving_texels import find_receivers, lay_out
 from leaflight.core.bake.run import Run
 from leaflight.core.parallel import executors, folders
@@ -14,7 +13,7 @@ from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.texels import creases
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
-from leaflight.core.util.messages import Status, Warning_
+from leaflight.core.util.messages import Status
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, quad_mesh
 
@@ -64,47 +63,12 @@ def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):
     assert not (run.folder / LAYOUT_FILE).exists()
 
 
-def test_images_of_another_bake_are_told_of_but_not_noted(run, scene, monkeypatch):
-    monkeypatch.setattr("leaflight.core.bake.earlier_bakes.describe_others", lambda job, names: ["these are another scene's"])
-    lay_out(run, scene, SMALL, ChartCache())
-    assert Warning_("", "these are another scene's") in run.told
-    assert run.warnings == []
-
-
 def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
     atlas, found = find(run, scene)
     assert list_stages(run) == list(run.seconds) == ["charts", "texels", "scene", "contacts"]
     at_foot = scene.tri_object[found.texels.texel_tri[found.touched]]
     assert set(at_foot) == {0, 1}
     assert len(found.facets.chart_page) > len(creases.cut_at_creases(scene, atlas).chart_page)  # what lies below the block
-
-
-@pytest.mark.parametrize(
-    ("settings", "lit", "by_photons", "stages"),
-    [
-        (SMALL, False, False, ["charts", "texels"]),
-        (SMALL, True, False, ["charts", "texels", "scene"]),
-        (replace(SMALL, contact=False), True, True, ["charts", "texels", "scene"]),
-    ],
-)
-def test_nobody_looks_for_what_is_not_needed(run, scene, settings, lit, by_photons, stages):
-    atlas, found = find(run, scene, settings, lit, by_photons)
-    assert list_stages(run) == stages
-    assert not found.touched.any()
-    assert not found.rising.any()
-    assert len(found.facets.chart_page) == len(creases.cut_at_creases(scene, atlas).chart_page)
-
-
-def test_texels_are_those_that_all_processes_will_open(run, scene):
-    _, found = find(run, scene)
-    try:
-        opened = traced_scene.open_tracing(str(run.folder)).texels
-        assert np.array_equal(opened.texel_tri, found.texels.texel_tri)
-        assert len(found.touched) == len(found.rising) == len(opened)
-        with pytest.raises(ValueError, match="read-only"):
-            found.texels.texel_tri[0] = 1
-    finally:
-        folders.forget_folders()
 
 
 def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
@@ -119,20 +83,3 @@ def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
         assert not of_earlier.exists()
     finally:
         folders.forget_folders()
-
-
-def test_what_charts_and_the_tree_warn_of_is_told_and_noted(run, scene, monkeypatch):
-    for name, warning in (
-        ("bake.receiving_texels.make_charts", ("Floor", "overlaps")),
-        ("transport.traced_scene.open_scene", ("Lamp", "is left out")),
-    ):
-        _, module, function = name.split(".")
-        before = getattr({"receiving_texels": receiving_texels, "traced_scene": traced_scene}[module], function)
-
-        def warned(*given, before=before, warning=warning):
-            return replace(before(*given), warnings=(warning,))
-
-        monkeypatch.setattr(f"leaflight.core.{name}", warned)
-    find(run, scene, by_photons=False)
-    assert run.warnings == [("Floor", "overlaps"), ("Lamp", "is left out")]
-    assert [message for message in run.told if isinstance(message, Warning_)] == [Warning_(*one) for one in run.warnings]

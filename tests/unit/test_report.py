@@ -3,33 +3,8 @@
 import sys
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from leaflight.core.output import report
-
-
-def test_each_object_that_takes_light_has_a_row():
-    things = [SimpleNamespace(name=name, receives=receives) for name, receives in (("Floor", True), ("Lamp", False), ("Box", True))]
-    atlas = SimpleNamespace(object_page=np.array([0, -1, 1]), chart_object=np.array([0, 2, 2]))
-    rows = report.list_objects(SimpleNamespace(objects=things), atlas, np.array([0, 0, 0, 2]), {0: 0.25})
-    assert rows == [
-        {"name": "Floor", "page": 0, "texels": 3, "share": 0.75, "charts": 1, "estimated_error": 0.25},
-        {"name": "Box", "page": 1, "texels": 1, "share": 0.25, "charts": 2, "estimated_error": None},
-    ]
-
-
-@pytest.mark.parametrize("gathered", [SimpleNamespace(counters={"rays": 20}), None])
-def test_rays_are_those_of_photons_of_gathering_and_of_direct_light(gathered):
-    ledger = SimpleNamespace(rays=1, gathered=20, audit_w=dict)
-    light = SimpleNamespace(
-        direct=SimpleNamespace(counters={"rays": 300}), ledger=ledger, gathered=gathered,
-        photons=1, rounds=1, leaves=[7], tree=[7, 8], error=0.1, stopped_by="error",
-    )  # fmt: skip
-    told = report.describe_light(light)
-    assert (told["rays"], told["leaves"], told["nodes"]) == (321, 1, 2)
-    assert told["gathered"] == ({"rays": 20} if gathered else {})
-    light.direct.counters = {}  # by photons
-    assert report.describe_light(light)["rays"] == 21
 
 
 def test_peak_memory_is_in_megabytes():

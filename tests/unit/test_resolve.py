@@ -54,14 +54,6 @@ def three_by_five():
     return make_resolver(layered_scene((1, 2, 5, 3)), slope)
 
 
-@pytest.mark.parametrize("entries", [2, 7])
-def test_pages_drawn_in_parts_are_those_drawn_at_once(three_by_five, part_entries, entries):
-    whole = {name: three_by_five.page(name, 0) for name in ("direct", "combined", "albedo")}
-    part_entries(entries)
-    for name, page in whole.items():
-        np.testing.assert_array_equal(three_by_five.page(name, 0), page)
-
-
 def test_rows_go_up_and_columns_go_right(three_by_five):
     page = three_by_five.page("direct", 0)
     assert page.shape == (PAGE, PAGE, 4)
@@ -249,18 +241,6 @@ def test_grain_of_rays_is_theirs_and_smears_nothing_else(noise, smooth):
     np.testing.assert_allclose(grainy.stderr**2 - smooth_both(bake, DirectField.none(len(light)))[0].stderr ** 2, noise**2, rtol=1e-3)
 
 
-def test_threads_and_parts_change_no_byte(part_entries):
-    bake = SquareBake(side=32, degree=1, level=2)
-    bake.throw(*np.random.default_rng(2).random((2, 4000)))
-    field = light_field(bake, np.flatnonzero(bake.tree.current))
-    whole = texel_light.light_at_texels(field, bake.texels)
-    part_entries(100)
-    parts = texel_light.light_at_texels(field, bake.texels, threads=2)
-    for name in ("direct", "indirect", "stderr", "leaf"):
-        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
-    assert (whole.stderr > 0).all()
-
-
 @pytest.mark.parametrize("direct", ["photons", "rays"])
 def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight_from_lamps(tmp_path, direct):
     settings = Settings(size=24, padding=1, error=0.01, direct=direct, max_photons=2000, hierarchical=False, finest_texels=4)
@@ -287,30 +267,3 @@ def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis
         assert np.isfinite(values).all()
         assert values.min() >= 0
         assert values.max() > 0
-
-
-def test_doubt_that_nobody_asks_for_changes_no_light():
-    bake = SquareBake(side=32, degree=1, level=3)
-    bake.throw(*np.random.default_rng(2).random((2, 4000)))
-    field = light_field(bake, np.flatnonzero(bake.tree.current))
-    told, untold = (texel_light.light_at_texels(field, bake.texels, doubt=doubt) for doubt in (True, False))
-    assert untold.stderr is None
-    for name in ("direct", "indirect"):
-        np.testing.assert_array_equal(getattr(untold, name), getattr(told, name))
-
-
-@pytest.mark.parametrize("doubt", [True, False])
-def test_who_asks_last_is_told_the_same(tmp_path, doubt):
-    """With what was found by rays written over, and left alone where it may be asked for again."""
-    solver = make_solver(tmp_path, lamp_scene(), Settings(size=32, padding=1, max_photons=20_000, error=1e-4))
-    light = solver.run(lambda message: None, lambda: False)
-    found = light.direct.irradiance.copy(), light.direct.variance.copy()
-    first = texel_light.light_at_texels(light, solver.tracing.texels, doubt=doubt)
-    for values, before in zip((light.direct.irradiance, light.direct.variance), found, strict=True):
-        np.testing.assert_array_equal(values, before)
-    last = texel_light.light_at_texels(light, solver.tracing.texels, doubt=doubt, spend=True)
-    for name in ("direct", "indirect", "stderr"):
-        np.testing.assert_array_equal(getattr(last, name), getattr(first, name))
-    assert np.shares_memory(last.direct, light.direct.irradiance)
-    assert (last.direct != found[0]).any()
-    assert (light.direct.variance == found[1]).all() == doubt

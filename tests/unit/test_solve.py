@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
 from leaflight.core.bake import photon_shards
-from leaflight.core.bake.solve import TRACING
-from leaflight.core.filter import error_estimate
-from leaflight.core.filter.filtered_field import FilteredField
 from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import executors
 from leaflight.core.radiosity import quadtree, tally
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport.rounds import EARLY_GROWTH, FIRST_ROUND_PHOTONS
-from leaflight.core.util.messages import Progress, Status
+from leaflight.core.util.messages import Progress
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
 
@@ -176,32 +173,6 @@ def test_rays_are_shot_again_where_they_err_most(tmp_path, monkeypatch, toleranc
     assert (light.direct.passes.max() > 1) == (tolerance > 1)
 
 
-def test_rays_that_are_shot_again_are_told_of_and_can_be_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)
-    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 8)
-    monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
-    words = []
-
-    def tell(message):
-        words.extend([message.text] if isinstance(message, Status) else [])
-
-    solver = make_solver(tmp_path, lamp_scene(rho=0.05), replace(SETTINGS, error=0.01, denoise=False))
-    light = solver.run(tell, lambda: len(words) >= 3)
-    assert [text.partition(",")[0] for text in words] == ["Direct light"] * 3 + [TRACING.text]
-    assert light.stopped_by == "interrupted"
-    assert light.direct.passes.max() == 1
-
-
-def test_what_is_shown_of_direct_light_is_of_its_last_shot(tmp_path):
-    solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, error=0.3))
-    direct, texels = solver.direct, solver.tracing.texels
-    before = direct.show(texels, smooth=True)
-    direct.shoot(tmp_path, solver.settings, solver.executor, np.arange(len(direct.irradiance)))
-    shown, fresh = direct.show(texels, smooth=True), FilteredField.begin_smoothing(direct.irradiance, direct.variance, texels)()
-    np.testing.assert_array_equal(shown.irradiance, fresh.irradiance)
-    assert (shown.irradiance != before.irradiance).any()
-
-
 @pytest.mark.parametrize(("knobs", "rounds"), [({}, 2), ({"finest_texels": 16}, 1), ({"hierarchical": False}, 1)])
 def test_no_bake_stops_at_its_first_leaves_while_they_would_be_split(tmp_path, knobs, rounds):
     light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, error=0.9, max_photons=10**7, direct="photons", **knobs))
@@ -277,40 +248,6 @@ def test_contact_splits_where_it_is_forced(tmp_path):
     assert np.array_equal(sides[0][elsewhere], sides[1][elsewhere])
 
 
-def test_direct_light_is_the_same_in_shards_of_any_order(tmp_path, two_workers, monkeypatch):
-    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 100)
-    alone, together = (
-        make_solver(tmp_path / name, lamp_scene(), QUICK, executor).direct for name, executor in (("1", None), ("2", two_workers))
-    )
-    assert alone.irradiance.tobytes() == together.irradiance.tobytes()
-    assert alone.counters == together.counters
-    assert alone.counters["rays"] > 0
-
-
-class Recorder(executors.InlineExecutor):
-    """Keeps what it was asked to do."""
-
-    def __init__(self):
-        super().__init__()
-        self.shards = []
-
-    def submit(self, fn, /, *args, **kwargs):
-        self.shards += args
-        return super().submit(fn, *args, **kwargs)
-
-
-def test_no_two_shards_of_a_bake_are_alike(tmp_path):
-    """A round that repeats another's photons would look like progress and be none."""
-    recorder = Recorder()
-    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", max_photons=1_200_000), recorder)
-    streams = {(shard.seed, shard.round, shard.shard) for shard in recorder.shards}
-    assert len(streams) == len(recorder.shards) > 2 * 2
-    assert {shard.round for shard in recorder.shards} == set(range(light.rounds))
-    assert sum(shard.photons for shard in recorder.shards) == light.photons
-    for number in range(light.rounds):  # two halves of a bake are two estimates only if they have as many photons
-        assert len([shard for shard in recorder.shards if shard.round == number]) % 2 == 0
-
-
 def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypatch):
     def fail(shard):
         raise ValueError(f"shard {shard.shard}")
@@ -319,12 +256,6 @@ def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypa
     with pytest.raises(ValueError, match="shard 0"):
         solve_scene(tmp_path, lamp_scene(), QUICK)
     assert not list(tmp_path.glob("view_*"))
-
-
-def test_stated_error_is_a_number_from_the_first_round_on(tmp_path):
-    told = []
-    make_solver(tmp_path, lamp_scene(), QUICK).run(told.append, lambda: False)
-    assert all(math.isfinite(message.estimated_error) and message.estimated_error > 0 for message in told)
 
 
 def test_a_first_round_that_trees_are_refined_after_states_no_error(tmp_path):
@@ -345,16 +276,6 @@ def hall_and_den():
     rooms = [room_mesh("Hall"), moved(room_mesh("Den", (0.5, 0.5, 0.5)), (5.0, 0.0, 0.0))]
     lamps = [Light("POINT", "Lamp", (x, 0.1, 0.1), power_rgb=(watts,) * 3) for x, watts in ((0.2, 1000.0), (5.1, 3.0))]
     return make_scene(rooms, lamps, [Material("Grey", (0.5,) * 3)]), replace(SETTINGS, error=0.03, max_photons=10**8)
-
-
-def test_the_error_is_stated_of_leaves_as_they_are_shown(tmp_path, monkeypatch):
-    given, state = [], error_estimate.state_error
-    monkeypatch.setattr(error_estimate, "state_error", lambda *arguments: given.append(arguments[-1]) or state(*arguments))
-    solver = make_solver(tmp_path, lamp_scene(), Settings(size=24, padding=1, error=1e-3, max_photons=1_500_000))
-    light = solver.run(lambda message: None, lambda: False)
-    assert light.few is not None
-    assert given[-1] is light.few
-    assert len(given) > 1
 
 
 def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_where_each_object_has_to(tmp_path):

@@ -19,18 +19,6 @@ def test_even_light_is_even_also_at_a_clipped_border(degree, width):
     np.testing.assert_allclose(bake.values(deepest, at_s, at_t), 1.0 / width, rtol=0.03)
 
 
-def test_a_node_without_area_tells_no_light_and_no_noise():
-    """As a sliver that is cut off by what stands on a chart may have none."""
-    bake = SquareBake(side=8, degree=1)
-    bake.throw(*np.random.default_rng(4).random((2, 2000)))
-    node = np.flatnonzero(~bake.tree.has_children)[3]
-    bake.tree.moment[node] = 0.0
-    solution = bake.solution()
-    assert solution.scale[:, node].tolist() == [0.0, 0.0, 0.0]
-    assert solution.variance[:, node].tolist() == [0.0, 0.0, 0.0]
-    assert np.isfinite(solution.variance).all()
-
-
 def test_linear_light_is_exact_for_a_linear_basis():
     bake = SquareBake(side=8, degree=1)
     rng = np.random.default_rng(2)
@@ -39,18 +27,6 @@ def test_linear_light_is_exact_for_a_linear_basis():
     root = np.array([0])
     at = np.linspace(0.1, 0.9, 9)
     np.testing.assert_allclose(bake.values(root, at, np.full(9, 0.5)), 2 * at, atol=0.02)
-
-
-def test_totals_of_a_parent_are_those_of_its_photons():
-    """Sums that went to the deepest nodes and were carried up equal sums taken at the root."""
-    rng = np.random.default_rng(3)
-    s, t = rng.random((2, 5000))
-    deep, shallow = SquareBake(side=16, degree=2, preview_depth=3), SquareBake(side=16, degree=2, preview_depth=1)
-    for bake in (deep, shallow):
-        bake.throw(s, t)
-    np.testing.assert_allclose(deep.totals().raw[..., 0], shallow.totals().raw[..., 0], rtol=1e-9, atol=1e-9)
-    assert deep.totals().received[0] == 5000
-    assert deep.totals().shot[0] == 5000
 
 
 def test_late_children_get_all_the_flux_of_their_parent():
@@ -117,25 +93,6 @@ def test_children_without_photons_take_their_parents_function():
     np.testing.assert_allclose(
         bake.values(fine, at_s, at_t), bake.values(coarse, at_s, at_t), rtol=0.02
     )  # the parent's own is shrunk a hair
-
-
-def test_shards_of_all_nodes_and_of_some_add_up():
-    """The counts and sums that one shard of all their hits has."""
-    rng = np.random.default_rng(4)
-    node, (s, t), is_first = rng.integers(0, 6, 300), rng.random((2, 300)), rng.random(300) < 0.5
-    flux = rng.random((3, 300))
-    parts = [slice(0, 296), slice(296, 300)]
-    sums, whole = (tally.Tally.empty(6, degree=1) for _ in range(2))
-    shards = [tally.deposit(node[part], s[part], t[part], flux[:, part], is_first[part], 6, 1) for part in parts]
-    assert [len(shard.node) == 6 for shard in shards] == [True, False]
-    for half, shard in zip((1, 0), shards, strict=True):
-        sums.add(half, shard, 10)
-    whole.add(0, tally.deposit(node, s, t, flux, is_first, 6, 1), 20)
-    assert sums.photons.tolist() == [10, 10]
-    np.testing.assert_array_equal(sums.count, np.bincount(node, minlength=6))
-    np.testing.assert_allclose(sums.weight2, whole.weight2)
-    np.testing.assert_allclose(sums.raw.sum(0), whole.raw[0])
-    np.testing.assert_array_equal(sums.raw[1], shards[0].raw)
 
 
 def test_variance_is_that_of_repeated_bakes():

@@ -1,14 +1,10 @@
 """What a process does that is given calls: how it begins and ends, as a copy too, and how it hands over what they give."""
 
 import os
-import pickle
-import select
 import signal
 import subprocess
 import sys
-from concurrent.futures.process import _ResultItem
 from functools import partial
-from itertools import takewhile
 
 import pytest
 from leaflight.addon.app import boot
@@ -41,14 +37,6 @@ def test_large_results_come_by_files_that_are_taken_away(tmp_path):
     assert not list(tmp_path.iterdir())
     full = worker_process.keep_result(partial(bytes, 1 << 20), str(tmp_path / "nowhere"))  # as where there is no room
     assert worker_process.fetch_result(full) == bytes(1 << 20)
-
-
-def test_a_pipe_takes_at_once_what_comes_by_no_file(tmp_path):
-    """With what a pool writes around it: the length, and which call it is the result of."""
-    *_, kept = takewhile(
-        lambda kept: isinstance(kept, bytes), (worker_process.keep_result(partial(bytes, size), str(tmp_path)) for size in range(1 << 16))
-    )
-    assert len(pickle.dumps(_ResultItem(1 << 40, result=kept))) + 4 <= getattr(select, "PIPE_BUF", 512)
 
 
 def run_main(lines: str, count: int = 2) -> subprocess.Popen[str]:
