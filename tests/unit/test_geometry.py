@@ -57,17 +57,6 @@ def test_triangles_without_area_have_no_normal():
     assert not area.any()
 
 
-def test_normal_is_right_handed():
-    normal, area = geometry.triangle_normals_areas(np.array([[[0, 0, 0], [2, 0, 0], [0, 1, 0]]]))
-    np.testing.assert_array_equal(normal, [[0, 0, 1]])
-    assert area == [1]
-
-
-def test_corner_weights():
-    values = np.array([[[1.0, 10], [2, 20], [4, 40]]])
-    np.testing.assert_allclose(geometry.interpolate_corners(values, np.array([0.25]), np.array([0.5])), [[2.75, 27.5]])
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_frames_are_orthonormal_and_right_handed(dtype):
     normal = np.random.default_rng(3).normal(size=(1000, 3))
@@ -76,55 +65,3 @@ def test_frames_are_orthonormal_and_right_handed(dtype):
     frame = np.stack([*geometry.orthonormal_basis(normal), normal], axis=1).astype(np.float64)
     np.testing.assert_allclose(frame @ frame.transpose(0, 2, 1), np.tile(np.eye(3), (1000, 1, 1)), atol=10 * np.finfo(dtype).eps)
     assert (np.linalg.det(frame) > 0).all()
-
-
-def test_offset_moves_along_the_normal_in_both_layouts():
-    position, normal = np.full((5, 3), 0.25, np.float32), np.tile(np.float32([0, -1, 0]), (5, 1))
-    moved = geometry.offset_origin(position, normal)
-    assert moved.dtype == np.float32
-    np.testing.assert_allclose(position[:, 1] - moved[:, 1], geometry.ORIGIN_OFFSET, rtol=0.02)
-    np.testing.assert_array_equal(geometry.offset_origin(position.T, normal.T).T, moved)
-
-
-def test_taken_rows_keep_the_fast_layout():
-    values = np.arange(12, dtype=np.float32).reshape(3, 4).T
-    taken = geometry.take_rows(values, np.array([3, 1]))
-    assert np.array_equal(taken, values[[3, 1]])
-    assert taken.T.flags.c_contiguous
-
-
-def test_hits_lie_where_their_weights_say():
-    corners = np.float32([[[0, 0, 0.3], [1, 0, 0.3], [0, 2, 0.3]], [[1, 1, 1], [1, 1, 4], [0, 1, 1]]])
-    place = geometry.locate_hits(geometry.triangle_frames(corners), np.int32([0, 1, 1]), np.float32([1, 0, 0.25]), np.float32([0, 1, 0.5]))
-    np.testing.assert_allclose(place.T, [[1, 0, 0.3], [0, 1, 1], [0.5, 1, 1.75]], atol=1e-7)
-
-
-def test_vectors_are_combined_as_by_a_product_of_matrices_in_the_fast_layout():
-    rng = np.random.default_rng(1)
-    weight, vectors = rng.random((50, 2), np.float32), rng.random((2, 3), np.float32)
-    combined = geometry.combine_vectors(weight, vectors)
-    np.testing.assert_allclose(combined, weight @ vectors, rtol=1e-6)
-    assert combined.dtype == np.float32
-    assert combined.T.flags.c_contiguous
-    of_each = rng.random((2, 3, 50), np.float32)
-    np.testing.assert_allclose(geometry.combine_vectors(weight, of_each), np.einsum("nk,kxn->nx", weight, of_each), rtol=1e-6)
-
-
-def test_columns_are_stacked_in_the_fast_layout():
-    stacked = geometry.stack_columns(np.arange(4.0), np.ones(4))
-    assert stacked.tolist() == [[0, 1], [1, 1], [2, 1], [3, 1]]
-    assert stacked.T.flags.c_contiguous
-
-
-def test_select_is_where():
-    rng = np.random.default_rng(1)
-    flag, yes, no = rng.random(100) < 0.5, rng.normal(size=100).astype(np.float32), rng.normal(size=100).astype(np.float32)
-    chosen = geometry.select(flag, yes, no)
-    np.testing.assert_array_equal(chosen, np.where(flag, yes, no))
-    assert chosen.dtype == np.float32
-
-
-@pytest.mark.parametrize("shape", [(7,), (3, 7), (2, 3, 7)])
-def test_gather_takes_along_the_last_axis(shape):
-    values, index = np.random.default_rng(1).random(shape), np.int32([6, 0, 0, 3])
-    np.testing.assert_array_equal(geometry.gather(values, index), values[..., index])

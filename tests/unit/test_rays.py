@@ -54,15 +54,6 @@ def test_the_first_of_two_triangles_is_met_from_either_side():
     assert np.isfinite(np.concatenate([hits.u, hits.v, hits.distance])).all()
 
 
-def test_strided_rays_give_the_same():
-    origin = np.random.default_rng(2).uniform(-0.5, 0.5, (3, 50)).astype(np.float32)
-    direction = np.random.default_rng(3).normal(size=(3, 50)).astype(np.float32)
-    scene = rays.RayScene(_box(1, 0.3))
-    by_columns, by_rows = scene.closest(origin.T, direction.T), scene.closest(origin.T.copy(), direction.T.copy())
-    np.testing.assert_array_equal(by_columns.tri, by_rows.tri)
-    np.testing.assert_array_equal(by_columns.distance, by_rows.distance)
-
-
 def test_occluded_only_below_the_distance_which_is_left_alone():
     origin, distance = np.float32([[0.1, 0.1, 0.5]] * 2 + [[0.4, 0.4, 0.5]]), np.float32([0.49, 0.51, 9])
     distance.flags.writeable = False

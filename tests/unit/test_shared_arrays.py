@@ -86,36 +86,6 @@ def test_mapped_arrays_cannot_be_changed_by_accident(tmp_path):
         shared_arrays.load_struct(tmp_path / "s", Inner).values[0] = 1.0
 
 
-def test_an_array_of_a_room_is_the_file_that_would_be_written(tmp_path):
-    room = shared_arrays.Room(tmp_path / "s")
-    inner = room.within("inner").empty("values", (1 << 17, 3), np.float32)
-    inner[:] = np.arange(inner.size).reshape(inner.shape)
-    shared_arrays.save_struct(tmp_path / "s", Outer(1, np.zeros(2), Inner(inner)))
-    inner[5] = -1.0  # what is mapped has no copy
-    loaded = shared_arrays.load_struct(tmp_path / "s", Outer)
-    np.testing.assert_array_equal(loaded.inner.values, inner)
-    np.testing.assert_array_equal(np.load(tmp_path / "s" / "inner" / "values.npy"), inner)
-    assert loaded.inner.values.dtype == np.float32
-
-
-@pytest.mark.parametrize("count", [3, 1 << 18])
-@pytest.mark.parametrize("in_folder", [True, False])
-def test_an_array_of_parts_is_the_file_that_would_be_written(count, in_folder, tmp_path):
-    room = shared_arrays.Room(tmp_path / "s") if in_folder else shared_arrays.IN_MEMORY
-    whole = np.arange(count) % 1000
-    values = room.collect("values", count, np.int32, (part[::-1][::-1] for part in np.split(whole, [1, 2, count - 1])))
-    assert values.dtype == np.int32
-    assert not values.flags.writeable
-    np.testing.assert_array_equal(values, whole)
-    written = tmp_path / "s" / "values.npy"
-    assert written.exists() == (in_folder and count > 3)
-    before = written.stat().st_ino if written.exists() else None
-    shared_arrays.save_struct(tmp_path / "s", Inner(values))
-    np.testing.assert_array_equal(shared_arrays.load_struct(tmp_path / "s", Inner).values, whole)
-    assert written.exists() == (count > 3)
-    assert before is None or before == written.stat().st_ino  # it was not written again
-
-
 @pytest.mark.skipif(os.name != "posix", reason="limits of a file's size, which stand for a full disk here, are POSIX's")
 def test_a_room_whose_file_cannot_be_as_large_raises_before_it_is_mapped(tmp_path):
     import resource

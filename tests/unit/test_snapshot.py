@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from leaflight.core.scene.scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
 from leaflight.core.scene.snapshot import FORMAT_VERSION, load_snapshot, save_snapshot
-from leaflight.core.scene.textures import lay_together
 
 
 def make_snapshot():
@@ -58,22 +57,6 @@ def test_round_trip(tmp_path):
     assert (after.images[0].name, after.images[0].extension, after.images[0].closest) == ("Karo", "CLIP", True)
     assert after.images[0].per_triangle
     assert np.array_equal(after.images[0].pixels, before.images[0].pixels)
-
-
-def test_pictures_come_back_as_parts_of_one_array(tmp_path):
-    """So that all are looked up together without a copy."""
-    rng = np.random.default_rng(4)
-    shapes = ((3, 5, 3), (0, 0, 3), (7, 2, 3))
-    images = tuple(TextureImage(f"Karo {k}", rng.random(shape).astype(np.float32)) for k, shape in enumerate(shapes))
-    path = tmp_path / "scene.npz"
-    save_snapshot(path, replace(make_snapshot(), images=images))
-    after = load_snapshot(path).images
-    assert [image.name for image in after] == [image.name for image in images]
-    for before, found in zip(images, after, strict=True):
-        np.testing.assert_array_equal(found.pixels, before.pixels)
-    numbers, first = lay_together([image.pixels for image in after])
-    assert np.shares_memory(numbers, after[2].pixels)
-    assert (first[0], first[2]) == (0, 45)
 
 
 @pytest.mark.parametrize("shape", [(3, 5), (3, 5, 4)])
@@ -149,8 +132,3 @@ def test_another_version_is_refused(tmp_path):
     np.savez(path, **arrays)
     with pytest.raises(ValueError, match=f"holds snapshot version {FORMAT_VERSION + 1}"):
         load_snapshot(path)
-
-
-def test_a_missing_file_is_an_os_error(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        load_snapshot(tmp_path / "none.npz")

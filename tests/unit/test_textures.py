@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from leaflight.core.scene.scene import TextureImage
-from leaflight.core.scene.textures import Textures, clamp_colours, lay_together, sample_texture
+from leaflight.core.scene.textures import Textures, clamp_colours, sample_texture
 
 # 3 texels wide, 5 high: a swapped axis cannot pass
 PIXELS = np.random.default_rng(1).random((5, 3, 3)).astype(np.float32)
@@ -69,13 +69,6 @@ def test_the_edge_blends_with_what_lies_beyond(extension):
     np.testing.assert_allclose(found, (PIXELS[0, 0] + EDGE[extension]) / 2, atol=1e-6)
 
 
-def test_images_of_many_texels_repeat_as_small_ones_do():
-    """Beyond what fits in the smallest integers."""
-    wide = TextureImage("Wide", np.random.default_rng(2).random((2, 300, 3)).astype(np.float32))
-    uv = np.array([[0.25, 0.25], [0.999, 0.25]])
-    np.testing.assert_allclose(sample_texture(wide, np.add(uv, (3, -2))), sample_texture(wide, uv), atol=1e-6)
-
-
 def _kinds(count):
     """So many images of each extension and interpolation, of many sizes, one of them without texels."""
     rng = np.random.default_rng(3)
@@ -107,15 +100,6 @@ def test_many_images_are_looked_up_as_each_alone(count, lie_together):
         np.testing.assert_array_equal(found[image == number], sample_texture(own, uv[image == number]))
 
 
-def test_images_of_one_kind_are_looked_up_as_each_alone():
-    images = [image for image in _kinds(7) if image.extension == "REPEAT" and not image.closest]
-    image = np.random.default_rng(5).integers(0, len(images), 500)
-    uv = np.random.default_rng(6).standard_normal((500, 2))
-    found = Textures(images).at(image, uv)
-    for number, own in enumerate(images):
-        np.testing.assert_array_equal(found[image == number], sample_texture(own, uv[image == number]))
-
-
 @pytest.mark.parametrize("closest", [False, True])
 @pytest.mark.parametrize("extension", EXTENSIONS)
 def test_the_edge_of_an_image_never_shows_the_next_one(extension, closest):
@@ -127,33 +111,6 @@ def test_the_edge_of_an_image_never_shows_the_next_one(extension, closest):
         found = Textures(images).at(np.full(len(uv), number), uv)
         shown = found if extension != "CLIP" else found.max(axis=0)  # beyond the image that shows nothing
         np.testing.assert_allclose(shown, value if extension != "CLIP" or closest else value / 4, rtol=1e-3)
-
-
-def test_parts_of_one_array_are_not_copied():
-    whole = np.arange(60, dtype=np.float32)
-    parts = [whole[42:60].reshape(2, 3, 3), whole[:12].reshape(2, 2, 3)]
-    numbers, first = lay_together(parts)
-    assert np.shares_memory(numbers, whole)
-    assert first == [42, 0]
-
-
-NUMBERS = np.arange(60, dtype=np.float32)
-
-
-@pytest.mark.parametrize(
-    "pictures",
-    [
-        [PIXELS, PIXELS[:2]],
-        [PIXELS[:, ::-1], PIXELS],
-        [PIXELS.copy(), np.zeros((1, 1, 3), np.float32)],
-        [NUMBERS[:12].reshape(2, 2, 3), NUMBERS[12:30].reshape(2, 3, 3)[:, ::-1]],
-    ],
-)
-def test_other_arrays_are_laid_one_after_another(pictures):
-    numbers, first = lay_together(pictures)
-    assert numbers.ndim == 1
-    for begin, picture in zip(first, pictures, strict=True):
-        np.testing.assert_array_equal(numbers[begin : begin + picture.size], picture.ravel())
 
 
 def test_colours_are_clamped_and_odd_ones_are_black():

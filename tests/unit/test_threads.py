@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 from leaflight.core.util.progress import Interrupted
-from leaflight.core.util.threads import count_usable, is_alone, run_on_threads, split_entries
+from leaflight.core.util.threads import count_usable, run_on_threads, split_entries
 
 
 @pytest.mark.parametrize("count", [0, 1, 1 << 16, (1 << 16) + 1, 700_000, 1 << 21, 11_700_000])
@@ -26,11 +26,6 @@ def test_parts_of_some_entries_end_where_those_of_all_do(within):
     low, high = within
     ends = sorted({low, high, *(part.start for part in split_entries(700_000) if low < part.start < high)})
     assert [(low + part.start, low + part.stop) for part in split_entries(700_000, slice(low, high))] == list(pairwise(ends))
-
-
-def test_a_page_of_some_size_is_shared_by_eight():
-    assert len(split_entries(8 << 16)) == 8
-    assert len(split_entries(8 << 17)) == 8
 
 
 def test_what_is_found_comes_in_order_from_threads_side_by_side():
@@ -99,11 +94,3 @@ def test_a_process_is_alone_until_it_has_a_thread_that_works():
     )
     said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True)
     assert said.stdout.split() == ["[True,", "False]"]
-
-
-def test_where_nobody_tells_of_threads_there_may_be_some(monkeypatch):
-    def fail(path):
-        raise FileNotFoundError(path)
-
-    monkeypatch.setattr(os, "listdir", fail)
-    assert not is_alone()
