@@ -237,13 +237,6 @@ def test_open_scene_is_baked_where_blender_runs_the_command(room, capsys):
     assert list_files(room.parent / "maps") == ["room_0.combined.exr"]
 
 
-def test_wrong_words_end_a_process_with_2(room):
-    """Codes 0 and 1 of a process: test_faults."""
-    process = start_process(room, "--sighs", "5")
-    assert "usage: python -m leaflight" in process.communicate(timeout=60)[1]
-    assert process.returncode == 2
-
-
 def test_a_signal_ends_with_the_best_so_far(room):
     """The other one: test_faults.test_a_signal_at_each_stage."""
     process = start_process(room, "--error", "0.0001", "--max-photons", "1000000000000", "--report", "report.json", "--save", "baked.blend")

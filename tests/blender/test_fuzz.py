@@ -13,7 +13,7 @@ from run_fuzz import Outcome, run_cases, tabulate
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="cases are run with what POSIX has")
 
-SEEDS = (1, 2, 5, 6, 9, 15, 20, 22)  # of each kind of case, and with each exit code
+SEEDS = (5, 6, 9, 20)  # one of each kind of case, and with each exit code
 
 
 def test_cases_from_seeds_end_as_they_should(tmp_path):

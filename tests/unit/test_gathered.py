@@ -95,8 +95,9 @@ def test_a_bake_that_stops_amid_its_first_gathering_shows_leaves(gathered, tmp_p
 
 def test_what_more_rays_have_gathered_stays_where_they_are_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_shards, "SHARD_TEXELS", 512)
-    shards = len(direct_shards.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, SETTINGS, begun=False).tracing.texels))) - 1
-    light, solver, executor = halt(tmp_path / "2", monkeypatch, shards + 3, error=0.004)
+    small = replace(SETTINGS, size=80)
+    shards = len(direct_shards.cut_into_shards(len(make_solver(tmp_path / "1", SCENE, small, begun=False).tracing.texels))) - 1
+    light, solver, executor = halt(tmp_path / "2", monkeypatch, shards + 3, size=80, error=0.004)
     assert (light.stopped_by, executor.left) == ("interrupted", 0)
     once, twice = np.bincount(light.gathered.passes)[1:]
     assert once + twice == len(solver.tracing.texels)
