@@ -221,8 +221,8 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     """
     layout, scene = get_layout(session), context.scene
     part, baked = _find_part(session, layout) if session.request.objects else None, compare_prints(scene, session, layout)
-    restore.remove_bake(scene, part)
-    context.view_layer.update()  # until then Blender 5.2 lists the copies that were removed, as None
+    if restore.remove_bake(scene, part):
+        context.view_layer.update()  # with thousands of objects it takes as long as all else here
     others = part is not None and restore.has_bake(scene)
     warnings = show_pages(context, session, layout, load_pages(session.request, result))
     if others:

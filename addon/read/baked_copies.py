@@ -163,8 +163,10 @@ def find_source(obj: bpy.types.Object) -> bpy.types.Object:
     return obj.get(SOURCE) or obj
 
 
-def remove_copies(scene: bpy.types.Scene | None = None, part: Container[bpy.types.Object] | None = None) -> None:
+def remove_copies(scene: bpy.types.Scene | None = None, part: Container[bpy.types.Object] | None = None) -> bool:
     """Deletes our copies and their collection, of one scene or of all; what the user put into it, or duplicated, stays.
+
+    Gives whether there were any: Blender 5.2 lists those as None until the view layer is updated.
 
     part   only the copies of these objects
     """
@@ -179,6 +181,7 @@ def remove_copies(scene: bpy.types.Scene | None = None, part: Container[bpy.type
         remove_mark(collection, COPIES)
         if not collection.objects and not collection.children:
             bpy.data.collections.remove(collection)
+    return bool(copies)
 
 
 def _our_collections(scene: bpy.types.Scene | None) -> list[bpy.types.Collection]:

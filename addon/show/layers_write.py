@@ -29,12 +29,14 @@ def write_layers(
     left = baked_copies.part_meshes([(obj, worn[i]) for i, obj in objects], taken)
     warnings = [(obj.name, _describe_copy(obj, shared[obj] in taken)) for obj in left if tell_copies]
     failed: set[int] = set()
+    # An export has triangles in the order of objects.
+    first_tri = np.searchsorted(export.snapshot.tri_object, np.arange(len(block) + 1, dtype=export.snapshot.tri_object.dtype))
     errors: dict[tuple[bpy.types.Mesh, tuple[int, int]], str] = {}  # "" where the layer is written
     for i, obj in objects:
         key = (obj.data, worn[i])
         if key not in errors:
             try:
-                uv_layer.write_layer(obj.data, _corner_uv(export, i, layout))
+                uv_layer.write_layer(obj.data, _corner_uv(export, layout, i, first_tri[i], first_tri[i + 1]))
                 errors[key] = ""
             except ValueError as reason:
                 errors[key] = str(reason)
@@ -51,11 +53,13 @@ def _describe_copy(obj: bpy.types.Object, is_taken: bool) -> str:
     return f"{obj.name}: {why}, so it shows the bake on a copy of the mesh; Remove gives the mesh back."
 
 
-def _corner_uv(export: ExportResult, index: int, layout: Layout) -> NDArray[np.float32]:
-    """(n_corner, 2) float32: UVs of an object, before its place on the page is put to them; 0 where nothing is baked."""
-    snapshot, place = export.snapshot, layout.object_place[index]
-    first, end = np.searchsorted(snapshot.tri_object, (index, index + 1))  # an export has them in the order of objects
+def _corner_uv(export: ExportResult, layout: Layout, index: int, first: int, end: int) -> NDArray[np.float32]:
+    """(n_corner, 2) float32: UVs of an object, before its place on the page is put to them; 0 where nothing is baked.
+
+    first, end   its triangles in the snapshot
+    """
+    place = layout.object_place[index]
     rows = first + np.flatnonzero(layout.tri_chart[first:end] >= 0)
     uv = np.zeros((export.objects[index].n_corner, 2), np.float32)
-    uv[snapshot.tri_corner[rows]] = (layout.tri_uv[rows] - place[2:]) / place[:2]
+    uv[export.snapshot.tri_corner[rows]] = (layout.tri_uv[rows] - place[2:]) / place[:2]
     return uv

@@ -17,14 +17,14 @@ MISSING = "leaflight_missing"  # on a scene: why it does not show its bake, as a
 OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HIDDEN, baked_copies.SHARED_MESH, uv_layer.PLACE)
 
 
-def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types.Object] | None = None) -> None:
+def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types.Object] | None = None) -> bool:
     """Restores slots, materials, UV layers, meshes and visibility and deletes all that we made, of one scene or of all.
 
-    Image files on disk stay.
+    Image files on disk stay. Gives whether copies of objects were among it, see baked_copies.remove_copies.
 
     part   only of these objects and their copies; the others keep their bake, but what is told of it on the scene goes
     """
-    baked_copies.remove_copies(scene, part)
+    had_copies = baked_copies.remove_copies(scene, part)
     objects = local_objects(scene.objects if scene else bpy.data.objects)
     if part is not None:
         objects = [obj for obj in objects if baked_copies.find_source(obj) in part]
@@ -50,6 +50,7 @@ def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types
     images.remove_unused_images()
     if scene is None:
         _release_rest()
+    return had_copies
 
 
 def toggle_preview(scene: bpy.types.Scene, on: bool) -> materials_write.Sentences:
