@@ -58,12 +58,6 @@ def test_the_points_of_a_cell_lie_together(cells):
         assert (high - low).max() <= 1.0 / edge + 1e-5
 
 
-def test_corners_and_rounding_stay_within_the_triangle(cells):
-    u, v = np.float32([0, 1, 0, 0.5, 1.0000001, 0]), np.float32([0, 0, 1, 0.5, 0, 1.0000001])
-    cell = cells.find(np.zeros(6, int), np.ones(6, bool), u, v)
-    assert ((cell >= cells.start[0, 0]) & (cell < cells.start[0, 0] + cells.per_edge[0, 0] ** 2)).all()
-
-
 def test_light_is_flux_over_area_and_doubt_is_half_the_gap_of_the_halves(cells):
     tally = CellTally.empty(len(cells))
     u, v = points(50_000)

@@ -38,35 +38,3 @@ def test_arrays_that_were_freed_are_used_again(size, count):
     )
     assert all_kept < 100 < default
     assert (kept < 100) == (size < 32)
-
-
-IN_THREADS = """
-import resource
-import threading
-import numpy as np
-from leaflight.core.util.malloc_tuning import keep_freed_memory
-
-def fill():
-    for _ in range(4):
-        np.ones({count}, np.float32)
-
-{call}
-fill()
-before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-threads = [threading.Thread(target=fill) for _ in range(2)]
-for thread in threads:
-    thread.start()
-    thread.join()
-print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-"""
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators are left as they are")
-def test_threads_use_what_others_have_freed():
-    """Else each of them would take as much from the system again."""
-    faults = [
-        int(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True).stdout)
-        for call in ("", "keep_freed_memory(whole=True)")
-        for program in [IN_THREADS.format(call=call, count=3 * MB)]
-    ]
-    assert faults[1] < 200 < 700 < faults[0]

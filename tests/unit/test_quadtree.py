@@ -73,12 +73,6 @@ def test_a_minimum_level_starts_there_or_at_texels(level):
     assert ((place >= 0) & (place < tree.side[0])).all()
 
 
-def test_previews_stop_at_the_finest_leaf():
-    bake = SquareBake(side=4, preview_depth=3)
-    assert bake.tree.side.min() == 1
-    assert len(bake.tree) == 1 + 4 + 16
-
-
 def test_trees_grow_to_a_side_where_they_are_asked_to_and_nowhere_else():
     texels = make_square_map(64, 1)
     tree = quadtree.plant_trees(texels, 1, 0, 1, flat=False)
@@ -90,13 +84,6 @@ def test_trees_grow_to_a_side_where_they_are_asked_to_and_nowhere_else():
     assert grown.origin[deepest].tolist() == [40, 0]
     assert len(quadtree.grow_to(tree, texels, 8, np.zeros(len(texels), bool))) == 1
     assert len(quadtree.grow_to(grown, texels, 16, flag)) == len(grown)
-
-
-def test_splitting_hands_current_on_to_the_children():
-    bake = SquareBake(side=8, preview_depth=1)
-    tree = quadtree.split(bake.tree, np.array([0]))
-    assert np.flatnonzero(tree.current).tolist() == bake.tree.children[0].tolist()
-    quadtree.node_of_texel(tree, np.flatnonzero(tree.current), 64)  # they tile
 
 
 def test_nodes_that_do_not_tile_are_refused():

@@ -33,22 +33,3 @@ def test_faces_follow_their_weights_and_leave_a_uniform_rest(weight):
     assert across.sum(axis=1) == pytest.approx([1000, 2000, 5000], abs=1)
     for chosen in across == 1:
         assert np.sort(rest[chosen]) == pytest.approx((np.arange(chosen.sum()) + 0.5) / chosen.sum(), abs=2e-3)
-
-
-def test_a_face_without_weight_is_never_chosen():
-    across, rest = COVER.choose_faces(np.float32([0, 0.3, 1 - 2.0**-24]), np.array([[0.0, 1.0, 0.0]]))
-    assert across.tolist() == [[0] * 3, [1] * 3, [0] * 3]
-    assert rest == pytest.approx([0, 0.3, 1], abs=1e-6)
-
-
-def test_places_lie_on_their_faces():
-    axis, high = np.repeat([0, 1, 2], 2), np.tile([True, False], 3)
-    place = COVER.place(_across(axis), high, np.full(6, 0.25), np.full(6, 0.75))
-    for k in range(6):
-        side = COVER.high if high[k] else COVER.low
-        assert place[k, axis[k]] == side[axis[k]]
-    assert ((place >= COVER.low) & (place <= COVER.high)).all()
-
-
-def _across(axis):
-    return (axis == np.arange(3)[:, None]).astype(np.float32)

@@ -44,29 +44,6 @@ def test_parts_choose_by_themselves():
     assert (np.sum(along, axis=0) <= 1).all()
 
 
-@pytest.mark.parametrize("shares", [(0.1,), (0.1,) * 3, (0.7, 0.1, 0.2), (1e-9, 1.0, 1e-9)])
-def test_the_greatest_number_below_one_stays_in_its_part(shares):
-    """Which a part's number takes to the next one by rounding, whether the shares come out at it or not."""
-    n_part, n_piece = 7, len(shares)
-    squares = TexelLooks.of_squares(np.zeros(n_part), np.zeros((3, 2, n_part)))
-    owner = np.repeat(np.arange(n_part), n_piece)
-    pieces = np.zeros((3, 2, len(owner))), np.tile(shares, n_part)
-    looks = squares.with_pieces(np.arange(n_part), owner, 10 + owner, *pieces)
-    element, *along = looks.choose(looks.part, np.full((1, n_part, 2), np.nextafter(1.0, 0.0)))
-    assert looks.tri[element[0]].tolist() == list(range(10, 10 + n_part))
-    assert (np.array(along) >= 0).all()
-    assert (np.sum(along, axis=0) <= 1).all()
-
-
-def test_two_texels_of_pieces_do_not_mix():
-    squares = TexelLooks.of_squares(np.array([4, 5, 6]), 0.5 * UNIT)
-    looks = squares.with_pieces(np.array([0, 2]), np.array([0, 1, 1]), np.array([7, 8, 9]), UNIT, np.array([5.0, 0.1, 0.3]))
-    tri, _ = looks.points(centred_strata(16))
-    assert (tri[:, 0] == 7).all()
-    assert (tri[:, 1] == 5).all()
-    assert np.bincount(tri[:, 2], minlength=10)[8:].tolist() == [4, 12]
-
-
 def test_centred_strata_refuses_what_is_not_a_square() -> None:
     with pytest.raises(ValueError, match="count: expected a square number, got 3"):
         centred_strata(3)
