@@ -181,30 +181,11 @@ def complain_of_absolute_imports(sources: Sources) -> list[str]:
     return [f"{module} imports leaflight: write a relative import" for module in callers]
 
 
-def complain_of_circles(sources: Sources) -> list[str]:
-    """No module needs itself while it is imported: which of a circle is imported first would decide whether it works."""
-    imports = {module: list_imports(module, sources, top_level_only=True) & sources.keys() - {module} for module in sources}
-    while leaves := [module for module, names in imports.items() if not names]:
-        imports = {module: names - set(leaves) for module, names in imports.items() if names}
-    circle = [module for module in sorted(imports) if module in _reach_within(module, imports)]
-    return [f"{module} imports itself through {', '.join(sorted(imports[module] & set(circle)))}" for module in circle]
-
-
-def _reach_within(module: str, imports: dict[str, set[str]]) -> set[str]:
-    found: set[str] = set()
-    to_visit = set(imports[module])
-    while to_visit:
-        current = to_visit.pop()
-        found.add(current)
-        to_visit |= imports.get(current, set()) - found
-    return found
-
-
 def _modules_of(package: str, sources: Sources) -> list[str]:
     return sorted(module for module in sources if module.split(".")[0] == package)
 
 
-RULES = [complain_of_order, complain_of_libraries, complain_of_addon, complain_of_absolute_imports, complain_of_circles]
+RULES = [complain_of_order, complain_of_libraries, complain_of_addon, complain_of_absolute_imports]
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -273,7 +254,6 @@ FAULTS = [
     (complain_of_addon, "addon.ui.panels", "import numpy as np", "addon.ui.panels imports numpy"),
     (complain_of_absolute_imports, "addon.show.images", "from leaflight.core import scene", "addon.show.images imports leaflight"),
     (complain_of_absolute_imports, "core.radiosity.tally", "import leaflight", "core.radiosity.tally imports leaflight"),
-    (complain_of_circles, "core.util.geometry", "from ..scene import rays", "core.scene.rays imports itself through core.util.geometry"),
 ]
 
 

@@ -10,7 +10,7 @@ import pytest
 from speed_curves import Point
 from zoo_bakes import list_more_samples
 from zoo_reference import PageReference, Subject, find_reference, next_samples, reference_path, spread_windows
-from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, join_outcomes, share_of_tracing, summarize, tabulate_quick, tabulate_times
+from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, join_outcomes, share_of_tracing, summarize
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
 SAMPLED = tuple(Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64))
@@ -141,11 +141,6 @@ def test_the_page_of_docs_gets_its_tables(tmp_path):
     assert all("slow" in part or "seconds to" in part for part in parts[4:8])
 
 
-def test_a_quick_run_has_no_rivals():
-    table = summarize([scene("quick", GOOD.ours, rivals=False)])
-    assert not [one for one in table.rows if CYCLES in one[0]]
-
-
 def test_a_scene_that_fails_is_told_and_the_others_are_run(monkeypatch, capsys):
     def run(subject, effort, options):
         if subject.name == "bad":
@@ -159,9 +154,3 @@ def test_a_scene_that_fails_is_told_and_the_others_are_run(monkeypatch, capsys):
     told = capsys.readouterr().out
     assert "bad FAILED: bad: the bake failed: no light" in told
     assert "| good |" in told
-
-
-def test_tables_are_whole():
-    for table in (tabulate_quick([GOOD, SLOW]), tabulate_times([GOOD, SLOW]), summarize([GOOD, SLOW]), summarize([])):
-        assert all(len(one) == len(table.head) for one in table.rows)
-    assert "never" in str(tabulate_times([SLOW]))
