@@ -1,9 +1,7 @@
 """Shards that are traced while a round is looked at: none is lost or read twice, and none is waited for in vain."""
 
-from dataclasses import replace
-
 import pytest
-from boxes import lamp_scene, make_solver, solution_bytes, solve_scene
+from boxes import lamp_scene, make_solver
 from leaflight.core.parallel import executors
 from leaflight.core.transport import rounds
 from leaflight.core.util.settings import Settings
@@ -48,11 +46,3 @@ def test_photons_under_way_when_a_bake_stops_are_told_by_nothing(small_shards, t
     assert light.photons < counter.photons
     assert light.ledger.total_weight == pytest.approx(solver.tally.photons.sum(), rel=1e-12)
     assert not list(tmp_path.glob("view_*"))
-
-
-@pytest.mark.parametrize("direct", ["photons", "rays"])
-def test_two_workers_give_the_bytes_of_one(small_shards, tmp_path, direct):
-    settings = replace(SETTINGS, direct=direct)
-    alone = solve_scene(tmp_path / "1", lamp_scene(), settings)
-    with executors.make_executor(2) as two:
-        assert solution_bytes(solve_scene(tmp_path / "2", lamp_scene(), settings, two)) == solution_bytes(alone)
