@@ -21,19 +21,6 @@ def ramp(rng, n):
     return np.sqrt(rng.random(n)), rng.random(n)
 
 
-@pytest.mark.parametrize("degree", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_even_light_errs_less(degree):
-    """Of the noise of functions beyond the mean a fifth stays or so."""
-    before, after = np.zeros((2, 100))
-    for seed in range(100):
-        bake, _, plain, shrunk = shrunk_bake(even, 500, degree, seed)
-        place = np.random.default_rng(1).random((2, 300))
-        for errors, solution in ((before, plain), (after, shrunk)):
-            bake.solution = lambda solution=solution: solution
-            errors[seed] = (bake.values(ROOT, *place) - 1.0).var()
-    assert 0.1 < after.mean() / before.mean() < 0.6
-
-
 def test_a_slope_keeps_the_share_that_is_not_noise():
     """Of photons of different powers, in both halves of the bake and both components, on a strip: told by orthonormal functions."""
     rng, width = np.random.default_rng(3), 0.25
@@ -110,6 +97,8 @@ def test_the_risk_is_what_shrinking_leaves_of_noise_beyond_the_mean(degree, tilt
             bake.solution = lambda solution=solution: solution
             errors[seed] = (bake.values(ROOT, *place) - truth).var()
     assert told.mean() == pytest.approx(real.mean() / noise.mean(), abs=0.2)
+    if tilt == 0.0:
+        assert 0.1 < real.mean() / noise.mean() < 0.6  # a fifth stays or so
 
 
 @pytest.mark.parametrize(

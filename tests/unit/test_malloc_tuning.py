@@ -11,7 +11,7 @@ from leaflight.core.util.malloc_tuning import keep_freed_memory
 
 def count_faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for _ in range(20):
+    for _ in range(8):
         rows = [np.ones({size}, np.float32) for _ in range({count})]
         del rows
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
