@@ -78,7 +78,8 @@ def lay_tangent_normals(
 def find_tangents(local: LocalMesh, uv: FloatArray) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Normals and tangents (n_tri, 3, 3) of triangles' corners, unit, and on which side (n_tri,) the bitangent is: 1 or -1.
 
-    Corners at one vertex with the same normal and texture coordinates share their tangent.
+    Corners at one vertex with the same normal and texture coordinates share their tangent, if their triangles share an edge there, or
+    others between them do: tiles that are turned against each other may meet in a vertex, and not along an edge.
     Source: Mikkelsen 2008, Simulation of wrinkled surfaces revisited; his mikktspace.c.
     """
     corner = local.tri_corner
@@ -97,10 +98,35 @@ def find_tangents(local: LocalMesh, uv: FloatArray) -> tuple[NDArray[np.float64]
     angle = np.arccos(np.clip((after * before).sum(axis=2), -1.0, 1.0))
     key = np.concatenate([vertex[..., None], normal.astype(np.float32), place.astype(np.float32), np.repeat(sign[:, None, None], 3, 1)], 2)
     bits = np.ascontiguousarray(key.reshape(-1, 7) + 0.0).view(np.dtype((np.void, 56))).ravel()
-    _, group = np.unique(bits, return_inverse=True)
+    _, alike = np.unique(bits, return_inverse=True)
+    group = _join_fans(alike.reshape(-1, 3))
     weighted = (own * angle[..., None]).reshape(-1, 3)
-    total = np.stack([np.bincount(group, part) for part in weighted.T], axis=1)
+    total = np.stack([np.bincount(group, part, len(weighted)) for part in weighted.T], axis=1)
     return normal, _unit(total)[group].reshape(normal.shape), sign
+
+
+def _join_fans(alike: IntArray) -> NDArray[np.int64]:
+    """(3 n,): for each corner of triangles the first of its fan: corners of one number in alike (n, 3) whose triangles join at edges."""
+    count = alike.size
+    number, corner = alike.ravel(), np.arange(count).reshape(-1, 3)
+    start, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+    turned = number[start] > number[end]
+    low, high = np.where(turned, end, start), np.where(turned, start, end)
+    order = np.lexsort((number[high], number[low]))
+    low, high = low[order], high[order]
+    same = (number[low[1:]] == number[low[:-1]]) & (number[high[1:]] == number[high[:-1]])
+    before = np.concatenate([low[:-1][same], high[:-1][same]])
+    after = np.concatenate([low[1:][same], high[1:][same]])
+    first = np.arange(count)
+    while True:
+        least = np.minimum(first[before], first[after])
+        joined = first.copy()
+        np.minimum.at(joined, before, least)
+        np.minimum.at(joined, after, least)
+        joined = joined[joined]
+        if np.array_equal(joined, first):
+            return first
+        first = joined
 
 
 def _find_weights(corner: FloatArray) -> NDArray[np.float64]:

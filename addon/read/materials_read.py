@@ -109,6 +109,7 @@ class MaterialTable:
                 metal_image=surface.metal.image,
                 metal=surface.gloss.metal,
                 metal_edge_rgb=surface.gloss.edge_rgb,
+                metal_flat=surface.gloss.flat,
                 lobe_image=-1 if surface.lobes is None else surface.lobes.image,
                 layer=surface.gloss.layer,
                 diffuse=surface.gloss.diffuse,

@@ -34,6 +34,7 @@ class GlossNumbers:
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
     edge_rgb: Rgb = WHITE
+    flat: bool = False
     sheen_rgb: Rgb = BLACK
     sheen_roughness: float = 0.5
 
@@ -46,7 +47,8 @@ class GlossNumbers:
     def add(self, other: GlossNumbers) -> GlossNumbers:
         """Both; as rough as the stronger one."""
         main = self if self.metal + self.layer >= other.metal + other.layer else other
-        main = replace(main, edge_rgb=(self if self.metal >= other.metal else other).edge_rgb)
+        metallic = self if self.metal >= other.metal else other
+        main = replace(main, edge_rgb=metallic.edge_rgb, flat=metallic.flat)
         metal, layer, diffuse, coat = (
             min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "diffuse", "coat")
         )
@@ -166,8 +168,6 @@ def _add_coat(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -
     tint = read_input_color(reader, port, "Coat Tint").mean
     path = 2.0 * ior**2 * (1.0 - math.sqrt(1.0 - 1.0 / ior**2))  # mean of 1 / cos inside, for even light from all directions
     red, green, blue = (1.0 - coat + coat * max(channel, 0.0) ** path for channel in tint)
-    if max(surface.glass.mean) > 0.0:
-        reader.note("its coat reflects nothing where it is glass")
     below = _dim(reader, port, surface, (red, green, blue))
     emission = below.emission.times(1.0 - coat * average_fresnel(ior))
     gloss = replace(below.gloss, coat=coat * alpha.mean[0], coat_roughness=roughness, coat_ior=ior)
@@ -277,9 +277,8 @@ def _read_glossy(reader: ColorReader, port: Port) -> Surface:
     """A Glossy BSDF reflects its colour at all angles."""
     _note_normal(reader, port, is_mirror=True)
     color = read_input_color(reader, port, "Color")
-    share = min(sum(color.mean) / 3.0, 1.0)
-    gloss = GlossNumbers(share, 0.0, _read_roughness(reader, port, False), diffuse=0.0, multiscatter=_scatters_often(port))
-    return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color((share,) * 3), (Color(WHITE), _NOTHING), False))
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, multiscatter=_scatters_often(port), flat=True)
+    return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 
 def _read_metallic(reader: ColorReader, port: Port) -> Surface:

@@ -156,6 +156,7 @@ class Gloss:
     metal          (n_row,) float32: share of the surface that is metal
     layer_mean     (n_row,) float32: mean Fresnel reflectance of the layer
     kept_mean      (n_row,) float32: mean of E over the hemisphere
+    rising         (n_row,) float32: 1 where a metal's reflectance rises toward the edge by Schlick's formula, 0 where it does not
     lost           (n_row * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
     restored       the same, 0 where a material scatters once only
     edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
@@ -179,6 +180,7 @@ class Gloss:
     metal: Float32
     layer_mean: Float32
     kept_mean: Float32
+    rising: Float32
     lost: Float32
     restored: Float32
     edge: Float32
@@ -210,6 +212,8 @@ class Gloss:
         samples = [_SAMPLES if one.lobe_image < 0 else _LEVEL_SAMPLES for one in rows]
         lobes = [tabulate_lobe(float(a), float(n), float(t), k) for a, n, t, k in zip(alpha, ior, tint, samples, strict=True)]
         lost, edge, dip, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(4))
+        rising = np.array([not one.metal_flat for one in rows], np.float32)
+        edge *= np.repeat(rising, _ENTRIES)
         layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
         is_restored = np.repeat(np.array([one.multiscatter for one in rows], bool), _ENTRIES)
@@ -226,7 +230,7 @@ class Gloss:
             below *= sheen.under
         at_edge = 1 - np.clip(np.array([one.metal_edge_rgb for one in rows], np.float32), 0, 1).T
         dip_rgb = at_edge / np.float32(EDGE_COSINE * _EDGE * (1 - EDGE_COSINE)) if at_edge.any() else None
-        means = alpha, ior, layer, tint, metal, layer_mean, kept_mean
+        means = alpha, ior, layer, tint, metal, layer_mean, kept_mean, rising
         return cls(surfaces, scene.tri_material, glossy, found, *means, lost, restored, edge, dielectric, below, dip, dip_rgb, coat, sheen)
 
     def find_diffuse(self, tri: IntArray, u: FloatArray, v: FloatArray, albedo: Float32) -> tuple[Float32, NDArray[np.int32]]:
@@ -270,7 +274,7 @@ class Gloss:
         if dip is not None:
             single = np.maximum(single - dip * _look_up(self.dip, *place), 0)
         restored = _look_up(self.restored, *place)
-        single = single * _give_back(color, share, dip, restored, gather(self.kept_mean, row))
+        single = single * _give_back(color, share, dip, restored, gather(self.kept_mean, row), gather(self.rising, row))
         out: Float32 = single + layer * _look_up(self.dielectric, *place)
         if self.coat:
             covered = _look_up(self.coat.albedo, *place)
@@ -285,6 +289,10 @@ class Gloss:
         row   (n,) of find_rows
         """
         return _look_up(self.below, *_find_place(row, cosine))
+
+    def below_coat(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32 | None:
+        """(n,): share of what glass sends that its coat leaves, seen at a cosine (n,) with the normal; None where nothing has a coat."""
+        return None if self.coat is None else 1 - _look_up(self.coat.albedo, *_find_place(self.find_rows(tri, u, v), cosine))
 
     def reflect(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool = False
@@ -351,7 +359,8 @@ class Gloss:
         half = sample_visible_normals(local, alpha, numbers)
         cosine = np.clip(_dot(local, half), 0, 1)
         out = 2 * cosine * half - local
-        edge: FloatArray = (1 - cosine) ** 5
+        rising = gather(self.rising, row)
+        edge: FloatArray = rising * (1 - cosine) ** 5
         place = _find_place(row, np.maximum(out[2], 0) if of_light else local[2])
         restored = _look_up(self.restored, *place)
         color = self.surfaces.metal_at(tri, u, v).T
@@ -359,7 +368,7 @@ class Gloss:
         rgb: FloatArray = color * (1 - edge) + share * edge
         if dip is not None:
             rgb = np.maximum(rgb - dip * (cosine * (1 - cosine) * edge), 0)
-        rgb = rgb * _give_back(color, share, dip, restored, gather(self.kept_mean, row))
+        rgb = rgb * _give_back(color, share, dip, restored, gather(self.kept_mean, row), rising)
         layer = layer * tinted_fresnel(cosine, gather(self.ior, row), gather(self.tint, row))
         rgb = rgb + layer * (1 + gather(self.layer_mean, row) * restored)
         if self.coat:
@@ -486,17 +495,19 @@ def average_kept(lost: FloatArray) -> FloatArray:
     return np.minimum(out, 1)
 
 
-def _give_back(color: FloatArray, share: FloatArray, dip: FloatArray | None, restored: FloatArray, kept_mean: FloatArray) -> FloatArray:
+def _give_back(
+    color: FloatArray, share: FloatArray, dip: FloatArray | None, restored: FloatArray, kept_mean: FloatArray, rising: FloatArray
+) -> FloatArray:
     """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own,
     as is dip (3, n), of _find_dip.
 
     Each further scattering is tinted again: of F E' + F (1 - E') F E' + ... is left F E' / (1 - F (1 - E')), with the means F of Schlick's
-    formula, F0 + (1 - F0) / 21, less a 126th of the dip, and E' of E.
+    formula, F0 + (1 - F0) / 21, less a 126th of the dip, or F0 itself where rising (n,) is 0, and E' of E.
     Source: Kulla & Conty 2017, "Revisiting physically based shading at Imageworks", as the factor of Turquin 2019, eq. 16.
     """
     own = np.divide(color, share, out=np.zeros_like(color), where=share > 0)
     own = np.minimum(own / np.float32(MAX_ALBEDO), 1)  # what the clamp takes of white is lost once, not at each scattering
-    mean = own + (1 - own) / np.float32(21)
+    mean = own + (1 - own) * (rising / np.float32(21))
     if dip is not None:
         mean = np.maximum(mean - np.divide(dip, share, out=np.zeros_like(dip), where=share > 0) / np.float32(126), 0)
     out: FloatArray = 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * restored

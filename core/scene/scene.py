@@ -63,6 +63,7 @@ class Material:
     metal_image: int = -1
     metal: float = 1.0  # share of the surface that is metal, on average
     metal_edge_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)  # tint of what the metal reflects at 82 degrees, beside Schlick's formula
+    metal_flat: bool = False  # it reflects its colour alike at all angles, in place of Schlick's formula
     lobe_image: int = -1  # roughness, share of metal and share with a layer as its channels, in place of the three means
     layer: float = 0.0  # share of the surface that has a dielectric layer above what is diffuse
     diffuse: float = 1.0  # share of the surface that is diffuse, of which the layer and the coat cover as much as they can

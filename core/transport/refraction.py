@@ -52,7 +52,7 @@ def bend_photons(
     if from_lamp is not None and scene.passing is not None:
         flux = flux * np.where(gather(from_lamp, place), scene.passing.leave(tri, u, v), np.float32(1))
     direction = gather(arrived.direction, place)
-    bent, side = _bend(scene, glass, tri, u, v, direction, gather(cosine, place), rng)
+    bent, side = _bend(scene, glass, tri, u, v, direction, gather(cosine, place), rng, of_light=True)
     scale = np.where(bent.crossed, bent.eta**-2, 1).astype(np.float32)
     if seen is not None:
         _, reflected, refracted = gather(seen, place)
@@ -87,9 +87,20 @@ def follow_glass(
 
 
 def _bend(
-    scene: GlossyScene, glass: Glass, tri: IntArray, u: _Rows, v: _Rows, direction: _Rows, cosine: _Rows, rng: np.random.Generator
+    scene: GlossyScene,
+    glass: Glass,
+    tri: IntArray,
+    u: _Rows,
+    v: _Rows,
+    direction: _Rows,
+    cosine: _Rows,
+    rng: np.random.Generator,
+    of_light: bool = False,
 ) -> tuple[Bent, _Rows]:
-    """Where rays (3, n) go on, and the faces' normals (3, n) on the side that they go on from; cosine (n,) with the geometric normal."""
+    """Where rays (3, n) go on, and the faces' normals (3, n) on the side that they go on from; cosine (n,) with the geometric normal.
+
+    of_light   as of Gloss.reflect: a coat takes its share by the direction that is looked from
+    """
     numbers = rng.random((3, len(tri)), dtype=np.float32)
     side = -np.copysign(np.float32(1), cosine)
     face = gather(scene.tri_normal, tri) * side
@@ -102,4 +113,8 @@ def _bend(
             own = (gather(values, wrong) for values in (tri, u, v, direction, face, is_front, numbers))
             bent.put(wrong, glass.bend(*own))
     bent.weight[:, (np.einsum("kn,kn->n", bent.direction, face) > 0) == bent.crossed] = 0
+    seen = bent.direction if of_light else direction
+    below = None if scene.gloss is None else scene.gloss.below_coat(tri, u, v, np.abs(np.einsum("kn,kn->n", seen, normal)))
+    if below is not None:
+        np.multiply(bent.weight, below, out=bent.weight)
     return bent, face * np.where(bent.crossed, np.float32(-1), np.float32(1))

@@ -86,6 +86,7 @@ def test_fresnel_of_glass():
     "material",
     [
         {"metal_rgb": (0.9, 0.5, 0.1), "metal_edge_rgb": (0.2, 0.9, 0.4)},
+        {"metal_rgb": (0.9, 0.5, 0.1), "metal_flat": True},
         {"layer": 1.0},
         {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6},
         {"layer": 0.4, "metal_rgb": (0.3, 0.3, 0.3), "metal": 0.6, "multiscatter": False},
@@ -93,7 +94,7 @@ def test_fresnel_of_glass():
         {"metal_rgb": (1.0, 0.5, 0.0), "coat": 1.0, "coat_roughness": 0.0},
         {"layer": 1.0, "coat": 1.0, "sheen_rgb": (0.9, 0.5, 0.2), "sheen_roughness": 0.7},
     ],
-    ids=["metal", "layer", "both", "both, scattered once", "coat on layer", "coat on metal", "sheen on coat"],
+    ids=["metal", "flat metal", "layer", "both", "both, scattered once", "coat on layer", "coat on metal", "sheen on coat"],
 )
 def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cosine, material):
     gloss, n = make_gloss(Material("Shiny", (1.0,) * 3, roughness=roughness, **material)), 100_000
@@ -107,6 +108,24 @@ def test_weights_of_reflected_rays_have_the_stated_albedo_as_mean(roughness, cos
     assert np.abs(np.linalg.norm(turned, axis=0) - 1).max() < 1e-4
     if roughness == 0 and "sheen_rgb" not in material:
         assert turned[:, 0] == pytest.approx([np.sqrt(1 - cosine**2), 0, cosine], abs=0.02)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 1.0])
+def test_a_flat_metal_reflects_its_colour_alike_at_all_angles(roughness):
+    """Rough, light that is scattered twice is tinted twice: of half of it less than half of what white gives back is left."""
+    cosines = np.float32([0.05, 0.3, 1.0])
+    tri, where = np.zeros(3, np.intp), np.full(3, 0.25, np.float32)
+    white, half = (
+        make_gloss(Material("Flat", (c,) * 3, metal_rgb=(c,) * 3, metal_flat=True, roughness=roughness)).albedo_at(
+            tri, where, where, cosines
+        )
+        for c in (MAX_ALBEDO, MAX_ALBEDO / 2)
+    )
+    assert white == pytest.approx(np.full((3, 3), MAX_ALBEDO), abs=2e-3)
+    if roughness == 0:
+        assert half == pytest.approx(white / 2, abs=1e-3)
+    else:
+        assert (half < 0.49 * white).all()
 
 
 def test_a_black_tint_leaves_a_layer_its_edges_alone():

@@ -49,8 +49,8 @@ channels. Normal maps count for light that arrives, for photons that go on, and 
 Rough metal, gloss and glass give back the light that their facets scatter more than once where the shader's distribution is *Multiscatter
 GGX*, the default since Blender 4.0; files from before have *GGX*, which loses it.
 
-A coat is a layer above all else but sheen, which is brightest along the surface, by a lobe fitted to Cycles' own. Subsurface light leaves
-where it arrives.
+A coat is a layer above all else but sheen, which is brightest along the surface, by a lobe fitted to Cycles' own. A coat's tint colours
+what is below by the mean path through it, glass too. Subsurface light leaves where it arrives.
 
 A material may let shadow rays pass and be glass for all others. That stands in for light that refracts: shadow rays bring it, and no
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.

@@ -339,6 +339,21 @@ SCENES: dict[str, Callable[[], None]] = {
         lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.6, Coat_Weight=1.0, Coat_Roughness=0.3)
     ),
     "coated white room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Coat_Weight=1.0, Coat_Roughness=0.2)),
+    "coat, GGX": _beside_a_wall(lambda s: s.once(s.principled(Base_Color=(0.6, 0.6, 0.6, 1), Coat_Weight=1.0, Coat_Roughness=0.3))),
+    "coated white room, GGX": _closed_room(
+        lambda s: s.once(s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Roughness=0.8, Coat_Weight=1.0, Coat_Roughness=0.6))
+    ),
+    "coated glass pane": _through(
+        lambda s: s.principled(Base_Color=(0.8, 0.4, 0.2, 1), Transmission_Weight=1.0, Roughness=0.3, Coat_Weight=1.0), "pane", "AREA"
+    ),
+    "tinted coat over glass": _through(
+        lambda s: s.principled(
+            Base_Color=(1, 1, 1, 1), Transmission_Weight=1.0, Roughness=0.3, Coat_Weight=1.0, Coat_Tint=(0.8, 0.4, 0.2, 1)
+        ),
+        "pane",
+        "AREA",
+    ),
+    "rough Glossy BSDF": _beside_a_wall(lambda s: s.node("BsdfGlossy", Color=(0.8, 0.5, 0.3, 1), Roughness=0.9)),
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }
 # Scenes in which much light comes by caustics, which Cycles renders with more noise.

@@ -475,6 +475,7 @@ def test_a_glossy_shader_is_all_metal():
     assert reading.material.metal_rgb == reading.material.albedo_rgb == pytest.approx((0.9, 0.8, 0.7))
     assert reading.material.roughness == pytest.approx(0.1)
     assert reading.material.layer == 0.0
+    assert (reading.material.metal, reading.material.metal_flat) == (1.0, True)
     assert warning == ""
 
 

@@ -16,6 +16,11 @@ SIDE = 8
 def add_object(kind):
     if kind == "cylinder":  # flat, with polygons of many corners
         bpy.ops.mesh.primitive_cylinder_add(vertices=8)
+    elif kind == "tiles":  # each turned by a quarter against the one before, so that they meet in corners with the same coordinates
+        bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4)
+        quarters = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+        turned = [np.roll(quarters, number * number % 4 + number // 4, axis=0) for number in range(16)]
+        bpy.context.object.data.uv_layers.active.uv.foreach_set("vector", np.concatenate(turned).ravel())
     else:
         bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=6)
         bpy.ops.object.shade_smooth()
@@ -46,7 +51,10 @@ def export_normals():
     return snapshot.images[next(material.normal_image for material in snapshot.materials if material.normal_image >= 0)].pixels
 
 
-@pytest.mark.parametrize(("kind", "mirrored", "strength"), [("sphere", False, 1.0), ("cylinder", True, 0.5), ("cylinder", False, 1.7)])
+@pytest.mark.parametrize(
+    ("kind", "mirrored", "strength"),
+    [("sphere", False, 1.0), ("cylinder", True, 0.5), ("cylinder", False, 1.7), ("tiles", False, 1.0)],
+)
 def test_a_normal_map_is_read_as_cycles_gives_it(kind, mirrored, strength, monkeypatch):
     obj = add_object(kind)
     obj.rotation_euler, obj.scale = (0.3, 0.5, 0.7), (-0.4 if mirrored else 0.4, 0.5, 0.3)
