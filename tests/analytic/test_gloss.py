@@ -128,6 +128,17 @@ def test_a_flat_metal_reflects_its_colour_alike_at_all_angles(roughness):
         assert (half < 0.49 * white).all()
 
 
+@pytest.mark.parametrize("roughness", [0.0, 0.5])
+def test_a_coat_leaves_glass_what_it_does_not_reflect(roughness):
+    glass = Material("Glass", (0.0,) * 3, glass_rgb=(1.0,) * 3, glass_mirror_rgb=(1.0,) * 3, coat=0.7, coat_roughness=roughness)
+    gloss, cosines = make_gloss(glass), np.float32([0.1, 0.4, 1.0])
+    tri, where = np.zeros(3, np.intp), np.full(3, 0.25, np.float32)
+    left = gloss.below_coat(tri, where, where, cosines)
+    assert left == pytest.approx(1 - gloss.albedo_at(tri, where, where, cosines)[0], abs=1e-5)
+    assert 0.7 > 1 - left[0] > 1 - left[2] > 0.02
+    assert make_gloss(Material("Shiny", layer=1.0)).below_coat(tri, where, where, cosines) is None
+
+
 def test_a_black_tint_leaves_a_layer_its_edges_alone():
     """The share that it reflects of even light, beside what Cycles 5.0 renders of such a plane at 60 degrees."""
     assert tinted_fresnel(*(np.array([value]) for value in (1.0, 1.5, 0.0)))[0] == 0
