@@ -116,5 +116,6 @@ def _bend(
     seen = bent.direction if of_light else direction
     below = None if scene.gloss is None else scene.gloss.below_coat(tri, u, v, np.abs(np.einsum("kn,kn->n", seen, normal)))
     if below is not None:
-        np.multiply(bent.weight, below, out=bent.weight)
+        # By roulette: the coat's own photons come besides, and with weights all together would grow in number within the glass.
+        bent.weight[:, below <= rng.random(len(below), dtype=np.float32)] = 0
     return bent, face * np.where(bent.crossed, np.float32(-1), np.float32(1))

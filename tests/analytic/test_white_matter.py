@@ -48,6 +48,6 @@ def test_white_matter_keeps_all_light(tmp_path, name, direct, photons, percent, 
     hold(f"furnace of white matter, {direct}: light lost or made", off, high=percent, unit="%")
 
 
-@pytest.mark.parametrize("name", ["half metal", "coated metal", "sheen", "half translucent"])
+@pytest.mark.parametrize("name", ["half metal", "coated metal", "sheen", "half translucent", "coated glass"])
 def test_some_white_matter_keeps_all_light(tmp_path, name):
     assert bake_around(tmp_path, MATTER[name], "photons", 200_000) == pytest.approx(np.ones(3), abs=0.006)
