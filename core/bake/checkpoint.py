@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from ..integrate.direct_field import DirectField
 from ..parallel import shared_arrays
+from ..radiosity.deposit_worth import Guiding
 from ..radiosity.quadtree import Quadtree
-from ..radiosity.splitting_guide import SplitGuide, Splitting
 from ..radiosity.tally import Tally
 from ..transport.emission_guide import EmissionGuide
 from ..transport.photon_log import ENERGY_NAMES
@@ -33,7 +33,7 @@ from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 15
+FORMAT_VERSION = 16
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Groups of settings, and settings of other groups, in which a continued bake may differ. Where only the continued bake has a pass `direct`,
@@ -50,68 +50,57 @@ class Checkpoint:
     energy_w        (7, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
     cell            (k,) int64: cells of sides without a lightmap that photons fell on
     cell_flux       (2, 3, k) float64: of cell_tally.CellTally
-    given_up        of gather_plan.GatherPlan, as are given_up_weight and budget_rays
-    splitting       of the last round, if some of its shards were not read
+    guiding         of the last round, if some of its shards were not read
     late            these, of photon_shards.PhotonShard but for their folders
     """
 
     tree: Quadtree
     tally: Tally
     square_tally: Tally
-    guide: SplitGuide
     births: EmissionGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
     cell: NDArray[np.int64]
     cell_flux: NDArray[np.float64]
     photons: int
-    total_weight: float
     rays: int
     deposits: int
     gathered: int
     round: int
-    given_up: float
-    given_up_weight: float
-    budget_rays: float
-    splitting: Splitting | None
+    guiding: Guiding | None
     late: list[dict[str, Any]]
 
     @classmethod
     def of(cls, solver: Solver) -> Checkpoint:
-        ledger, plan = solver.ledger, solver.gather_plan
+        ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
-        counts = ledger.photons, ledger.total_weight, ledger.rays, ledger.deposits, ledger.gathered, solver.round
-        parts = solver.tree, solver.tally, solver.square_tally, solver.guide, solver.births, solver.direct
+        counts = ledger.photons, ledger.rays, ledger.deposits, ledger.gathered, solver.round
+        parts = solver.tree, solver.tally, solver.square_tally, solver.births, solver.direct
         cell = np.flatnonzero(solver.cell_tally.flux.any(axis=(0, 1)))
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
-        splitting = solver.splitting if late else None
+        guiding = solver.guiding if late else None
         return cls(
             *parts,
             energy_w,
             cell,
             solver.cell_tally.flux[:, :, cell],
             *counts,
-            plan.given_up,
-            plan.given_up_weight,
-            plan.budget_rays,
-            splitting,
+            guiding,
             late,
         )
 
     def give_to(self, solver: Solver) -> None:
         """Let a new solver of the same scene and method go on from here."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
-        solver.guide, solver.births = self.guide, self.births
+        solver.births = self.births
         solver.direct, solver.round = self.direct, self.round
         solver.cell_tally.flux[:, :, self.cell], solver.cell_tally.photons[:] = self.cell_flux, self.tally.photons
         solver.direct.ask_for(solver.settings.error)
-        solver.gather_plan.give_up(self.given_up, self.given_up_weight)
-        solver.gather_plan.budget_rays = self.budget_rays
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
-        ledger.photons, ledger.total_weight, solver.photons_before = self.photons, self.total_weight, self.photons
+        ledger.photons, solver.photons_before = self.photons, self.photons
         ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
-        solver.send_again([PhotonShard(**fields) for fields in self.late], self.splitting)
+        solver.send_again([PhotonShard(**fields) for fields in self.late], self.guiding)
 
 
 @dataclass(frozen=True)

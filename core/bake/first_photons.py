@@ -41,15 +41,13 @@ class FirstPhotons:
         shards = [
             replace(shard, hits=str(folder / f"{_HITS_FOLDER}_{round_}_{shard.shard}"))
             for round_, of_round in enumerate(photons)
-            for shard in PhotonShard.of_round(
-                folder, settings, round_, rounds.share_photons(of_round), view="", degree=0, guided=round_ > 0 and settings.guided
-            )
+            for shard in PhotonShard.of_round(folder, settings, round_, rounds.share_photons(of_round), view="", degree=0)
         ]
         return cls({(shard.round, shard.shard): (shard, executor.submit(trace_ahead, shard)) for shard in shards})
 
     def take(self, shard: PhotonShard) -> PhotonShard:
         """The shard with the folder of its hits, once they are there; as it is where those were not traced ahead."""
         ahead, traced = self.sent.get((shard.round, shard.shard), (None, None))
-        if ahead is None or traced is None or (shard.photons, shard.weight) != (ahead.photons, ahead.weight):
+        if ahead is None or traced is None or shard.photons != ahead.photons:
             return shard
         return replace(shard, hits=ahead.hits) if traced.result() else shard

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parallel import shared_arrays
+from ..radiosity.deposit_worth import Guiding
 from ..radiosity.quadtree import Quadtree
-from ..radiosity.splitting_guide import Splitting
 from ..radiosity.tree_view import TreeView
 from . import photon_shards
 from .photon_shards import PhotonResult, PhotonShard
@@ -37,9 +37,9 @@ class PhotonRounds:
     late: list[tuple[PhotonShard, Future[PhotonResult]]] = field(default_factory=list)
     dropped: list[PhotonShard] = field(default_factory=list)
 
-    def count_late(self) -> tuple[int, float]:
-        """Photons under way, and the sum of their weights."""
-        return sum(shard.photons for shard, _ in self.late), sum(shard.photons * shard.weight for shard, _ in self.late)
+    def count_late(self) -> int:
+        """Photons under way."""
+        return sum(shard.photons for shard, _ in self.late)
 
     def trace(self, shards: Sequence[PhotonShard], n_late: int) -> Iterator[tuple[PhotonShard, PhotonResult]]:
         """Results of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
@@ -70,11 +70,11 @@ class PhotonRounds:
         _remove_views(self.dropped)
 
 
-def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], splitting: Splitting | None) -> str:
+def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], guiding: Guiding | None) -> str:
     """Save what the shards of a round read, and return the folder; arguments as of TreeView.of_tree."""
     shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
-    if splitting:
-        shared_arrays.save_struct(folder / photon_shards.SPLITTING_FOLDER, splitting)
+    if guiding:
+        shared_arrays.save_struct(folder / photon_shards.GUIDING_FOLDER, guiding)
     return str(folder)
 
 

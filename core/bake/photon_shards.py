@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..filter.subtexel_tally import deposit_on_squares
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_view_open
 from ..radiosity.cell_tally import CellFlux
-from ..radiosity.splitting_guide import SplitTally, Splitting, weigh_groups
+from ..radiosity.deposit_worth import Guiding, weigh_groups
 from ..radiosity.tally import ShardTally, deposit
 from ..radiosity.tree_view import TreeView
 from ..transport import photons, photons_ahead
@@ -25,7 +23,7 @@ from ..transport.traced_scene import TracedScene, Tracing, open_scene, open_trac
 from ..util import sampling
 from ..util.settings import Settings
 
-SPLITTING_FOLDER = "splitting"  # in a view's
+GUIDING_FOLDER = "guiding"  # in a view's
 
 
 @keep_view_open
@@ -35,9 +33,9 @@ def open_view(folder: str) -> TreeView:
 
 
 @keep_view_open
-def open_splitting(folder: str) -> Splitting:
-    """The splitting guide of a view, likewise."""
-    return shared_arrays.load_struct(Path(folder) / SPLITTING_FOLDER, Splitting)
+def open_guiding(folder: str) -> Guiding:
+    """What guides the photons of a view, likewise."""
+    return shared_arrays.load_struct(Path(folder) / GUIDING_FOLDER, Guiding)
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,7 @@ class PhotonShard:
     max_depth: int
     degree: int
     skip_first: bool  # direct light comes from shadow rays
-    weight: float = 1.0  # of a photon in the sum, see splitting
-    guided: bool = False  # the view's folder holds a splitting guide
+    guided: bool = False  # the view's folder holds a guide
     hits: str = ""  # folder on this machine: what was traced of it already, see first_photons
 
     @classmethod
@@ -66,7 +63,6 @@ class PhotonShard:
         shares: Sequence[int],
         view: str,
         degree: int,
-        weight: float = 1.0,
         guided: bool = False,
     ) -> list[PhotonShard]:
         """Shards of so many photons each; the others are as the fields."""
@@ -80,7 +76,6 @@ class PhotonShard:
             max_depth=settings.max_depth,
             degree=degree,
             skip_first=settings.direct == "rays",
-            weight=weight,
             guided=guided,
         )
         return [replace(whole, shard=number, photons=share) for number, share in enumerate(shares)]
@@ -88,13 +83,12 @@ class PhotonShard:
 
 @dataclass(frozen=True)
 class PhotonResult:
-    """Sums and counts of one shard; sums over nodes and squares of photons that carry the light of a bake with one, times their weight."""
+    """Sums and counts of one shard; sums over nodes and squares of photons that each carry all the light of a bake."""
 
     tally: ShardTally
     squares: ShardTally
     audit: EnergyAudit
     counters: Counters
-    splitting: SplitTally | None
     births: BirthTally | None
     elsewhere: CellFlux  # on sides without a lightmap
 
@@ -117,15 +111,13 @@ class PhotonResult:
 def trace_photons(shard: PhotonShard) -> PhotonResult:
     """Trace the photons of a shard and sum them over the nodes they meet."""
     tracing, view = open_tracing(shard.tracing), open_view(shard.view)
-    splitting = open_splitting(shard.view) if shard.guided else None
-    split_at = partial(_split_at, tracing, view, splitting) if splitting and shard.skip_first else None
-    cells = splitting.cells if splitting and not shard.skip_first else None
-    ahead = photons_ahead.fetch_hits(Path(shard.hits), split_at) if shard.hits else None
-    pieces = iter([ahead]) if ahead else _trace_hits(tracing, shard, split_at, cells)
-    return PhotonResult.join([_sum_up(tracing, view, shard, splitting, hits) for hits in pieces])
+    guiding = open_guiding(shard.view) if shard.guided else None
+    ahead = photons_ahead.fetch_hits(Path(shard.hits)) if shard.hits else None
+    pieces = iter([ahead]) if ahead else _trace_hits(tracing, shard, guiding.cells if guiding else None)
+    return PhotonResult.join([_sum_up(tracing, view, shard, guiding, hits) for hits in pieces])
 
 
-def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Splitting | None, hits: ShardHits) -> PhotonResult:
+def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guiding | None, hits: ShardHits) -> PhotonResult:
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     cells, on_sides = tracing.cells, hits.elsewhere
@@ -141,14 +133,10 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, splitting: Spl
     is_first = None if shard.skip_first and not tracing.scene.has_caustics else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
     on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
-    parted = born = None
-    if splitting and hits.groups:
-        noise = weigh_groups(hits.groups, splitting.worth, node, hits.flux_rgb)
-        if shard.skip_first:
-            parted = SplitTally.of(hits.groups, noise)
-        else:
-            born = BirthTally.of(hits.groups, noise, len(splitting.cells))
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, parted, born, CellFlux.of(cell, flux, len(cells)))
+    born = None
+    if guiding and hits.groups:
+        born = BirthTally.of(hits.groups, weigh_groups(hits.groups, guiding.worth, node, hits.flux_rgb), len(guiding.cells))
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, born, CellFlux.of(cell, flux, len(cells)))
 
 
 def trace_ahead(shard: PhotonShard) -> bool:
@@ -156,30 +144,15 @@ def trace_ahead(shard: PhotonShard) -> bool:
 
     Returns False where they have so many hits that these are better summed at once.
     """
-    noted = photons_ahead.NotedPartings() if shard.guided else None
-    pieces = _trace_hits(open_scene(shard.tracing), shard, noted)
+    pieces = _trace_hits(open_scene(shard.tracing), shard)
     hits = next(pieces)
     is_all = next(pieces, None) is None
     if is_all:
-        photons_ahead.keep_hits(Path(shard.hits), hits, noted)
+        photons_ahead.keep_hits(Path(shard.hits), hits)
     return is_all
 
 
-def _trace_hits(
-    opened: TracedScene, shard: PhotonShard, split_at: photons.SplitAt | None = None, cells: BirthCells | None = None
-) -> Iterator[ShardHits]:
+def _trace_hits(opened: TracedScene, shard: PhotonShard, cells: BirthCells | None = None) -> Iterator[ShardHits]:
     rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
     # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
-    flux_share = shard.photons * shard.weight
-    return photons.trace_shard(opened.scene, shard.photons, flux_share, rng, shard.max_depth, shard.skip_first, split_at, cells)
-
-
-def _split_at(
-    tracing: Tracing, view: TreeView, splitting: Splitting, tri: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32]
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """photons.SplitAt."""
-    x, y = tracing.texels.hit_texel_xy(tri, u, v)
-    entry = tracing.texels.entry_of(tri, x, y)
-    node = view.node.take(entry, mode="clip")
-    place = splitting.find_places(node, entry >= 0, tracing.snapshot.tri_object.take(tri))
-    return place, splitting.factor.take(place)
+    return photons.trace_shard(opened.scene, shard.photons, shard.photons, rng, shard.max_depth, shard.skip_first, cells)

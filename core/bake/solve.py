@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..filter import error_estimate
 from ..filter.radiosity_solution import RadiositySolution
 from ..filter.subtexel_tally import Squares
-from ..integrate.adaptive_sampling import Look, Stop, Tell, choose_texels, have_look
+from ..integrate.adaptive_sampling import DIRECT_SHARE, Look, Stop, Tell, choose_texels, have_look
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
@@ -31,8 +31,8 @@ from ..integrate.texel_light import find_known
 from ..parallel.executors import spread
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
+from ..radiosity.deposit_worth import Guiding, weigh_deposits
 from ..radiosity.spatial_shrinkage import CELL_BITS, SpatialShrinkage
-from ..radiosity.splitting_guide import SplitGuide, Splitting, weigh_deposits
 from ..radiosity.tally import Tally
 from ..scene.morton import code_cells
 from ..texels.error_metric import ErrorMetric, Parts
@@ -44,7 +44,6 @@ from ..util.messages import Status
 from ..util.settings import Settings
 from .deadline import Deadline
 from .first_photons import FirstPhotons
-from .gather_plan import GatherPlan
 from .photon_rounds import PhotonRounds, save_view
 from .photon_shards import PhotonShard
 from .stop_rules import StopRules
@@ -52,6 +51,9 @@ from .stop_rules import StopRules
 # Side of the nodes below things that rise from a surface, from the first round on: the two rounds of many default bakes split less far.
 _RISING_SIDE = 8  # texels
 _LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
+# Rounds before indirect light is gathered: after one the light that its rays meet is too noisy. It is known well enough once it errs by at
+# most so many times what is asked: about half the requested error then carries over to what is gathered.
+_FIRST_GATHERING, _MOST_KNOWN = 2, 2.5
 TRACING = Status("photons", "Tracing photons")
 
 
@@ -85,17 +87,15 @@ class Solver:
         self.tally = Tally.empty(len(self.tree), self.degree, components)
         self.squares = Squares.of(texels, self.forced_texels)
         self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
-        self.guide = SplitGuide.empty(len(self.tracing.snapshot.objects) + len(self.tree))
         self.births = EmissionGuide.of(self.tracing.scene.emitter_share)
         self.reading: RadiositySolution | None = None  # after the last round, as are the next two
         self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # parts whose error was estimated, and Parts.weigh of them
-        self.splitting: Splitting | None = None
+        self.guiding: Guiding | None = None
         self._mean_direct: tuple[tuple[RadiositySolution, int], NDArray[np.float64]] | None = (
             None  # result of _find_mean_direct and its key
         )
         self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
-        self.gather_plan = GatherPlan.of(texels)
         self.metric = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
@@ -165,15 +165,13 @@ class Solver:
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
-        if self.gathered is None and self.gather_plan.pays(settings, stated, ledger, self.round, lambda: self._guide_photons()[1]):
+        if self.gathered is None and self._may_gather(stated):
             return partial(self._gather, reading, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
         rays, worst, repeats = chosen
         if rays is self.gathered:
-            if ledger.gathered >= self.gather_plan.budget_rays:
-                return self._stop_gathering
             return partial(self._gather, reading, worst, repeats=repeats)
         return partial(self._shoot_again, reading, worst, repeats)
 
@@ -183,9 +181,16 @@ class Solver:
             return None
         return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
 
-    def _stop_gathering(self, tell: Tell, should_stop: Stop) -> None:
-        """Return to the light of the leaves, where photons reduce the error sooner."""
-        self.gathered = None
+    def _may_gather(self, stated: error_estimate.StatedError) -> bool:
+        """Whether indirect light is to be gathered: the light that rays meet is known well enough, but leaves do not show it as well as
+        is asked.
+        """
+        settings = self.settings
+        if not settings.gather or settings.direct != "rays" or not settings.hierarchical or not settings.wants_all_light:
+            return False  # a gather ray adds one bounce
+        of_leaves2 = stated.relative**2 - stated.direct**2
+        is_short = of_leaves2 > (1.0 - DIRECT_SHARE**2) * settings.error**2
+        return self.round >= _FIRST_GATHERING and is_short and stated.relative <= _MOST_KNOWN * settings.error
 
     def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         other = self._other_light(reading)
@@ -211,53 +216,44 @@ class Solver:
         return RadiositySolution.of(self.tree, self.tally, self.rule, self.metric, shrink, squares)
 
     def _trace_round(self, stated: error_estimate.StatedError | None) -> None:
-        if self.gathered:
-            self.gather_plan.give_up(self.settings.error, self.ledger.total_weight)
-        self.gathered, (splitting, weight) = None, self._guide_photons()
-        view, self.splitting = self._save_view(self.round, splitting), splitting
-        settings, parted, born, (photons, left) = self.settings, [], [], self._next_photons(stated, weight)
-        ahead, guided = rounds.count_ahead(self.round, settings.direct == "rays"), splitting is not None
+        self.gathered, self.guiding = None, self._guide_photons()
+        view = self._save_view(self.round)
+        settings, born, (photons, left) = self.settings, [], self._next_photons(stated)
+        ahead, guided = rounds.count_ahead(self.round, settings.direct == "rays"), self.guiding is not None
         shares = rounds.share_photons(photons, ahead)
-        shards = PhotonShard.of_round(self.folder, settings, self.round, shares, view, self.degree, weight, guided)
+        shards = PhotonShard.of_round(self.folder, settings, self.round, shares, view, self.degree, guided)
         shards = [self.first.take(shard) for shard in shards]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
-            self.tally.add(shard.shard % 2, result.tally, shard.photons * shard.weight)
-            self.square_tally.add(shard.shard % 2, result.squares, shard.photons * shard.weight)
-            self.ledger.add(shard.photons, shard.weight, result.audit, result.counters)
-            self.cell_tally.add(shard.shard % 2, result.elsewhere, shard.photons * shard.weight)
+            self.tally.add(shard.shard % 2, result.tally, shard.photons)
+            self.square_tally.add(shard.shard % 2, result.squares, shard.photons)
+            self.ledger.add(shard.photons, result.audit, result.counters)
+            self.cell_tally.add(shard.shard % 2, result.elsewhere, shard.photons)
             if self.round and shard.shard % 2 and self.deadline.is_over():  # after a pair of shards both halves have equally many photons
                 self.rounds.drop()
                 break
-            if shard.round == self.round:  # late shards were split by an older plan, and the plan they would guide is made
-                parted += [result.splitting] if result.splitting else []
-                born += [result.births] if result.births else []
-        self.guide.add_round(parted)
+            if shard.round == self.round and result.births:  # late shards had older cells, and the plan they would guide is made
+                born.append(result.births)
         self.births.add_round(born)
         self.round += 1
 
-    def _save_view(self, number: int, splitting: Splitting | None) -> str:
+    def _save_view(self, number: int) -> str:
         place = self.folder / f"view_{self.settings.direct}_{number}"  # a bake by photons alone may follow one by rays that stopped at once
-        return save_view(place, self.tree, len(self.tracing.texels), self.squares.entry, splitting)
+        return save_view(place, self.tree, len(self.tracing.texels), self.squares.entry, self.guiding)
 
-    def send_again(self, late: list[PhotonShard], splitting: Splitting | None) -> None:
+    def send_again(self, late: list[PhotonShard], guiding: Guiding | None) -> None:
         """Resend shards of the last round that were under way when the bake stopped, if its limit allows them and another round."""
-        self.splitting = splitting
+        self.guiding = guiding
         if late and self.settings.max_photons - self.ledger.photons - sum(shard.photons for shard in late) > 1:
-            view = self._save_view(late[0].round, splitting)
+            view = self._save_view(late[0].round)
             self.rounds.send([replace(shard, tracing=str(self.folder), view=view) for shard in late])
 
-    def _guide_photons(self) -> tuple[Splitting | None, float]:
-        """Emission and splitting guide of the next round, and the weight of one photon; None and 1 before any round was read."""
-        if self.reading is None or not self.settings.guided:
-            return None, 1.0
+    def _guide_photons(self) -> Guiding | None:
+        """What guides the next round where photons bring all light; None before any round was read."""
+        if self.reading is None or not self.settings.guided or self.settings.direct != "photons":
+            return None
         tree, flux = self.tree, self.reading.solution.flux
         light = flux / np.maximum(tree.area[: flux.shape[1]], np.finfo(float).tiny)
-        light += self._find_mean_direct(self.reading)
-        snapshot, texels = self.tracing.snapshot, self.tracing.texels
-        self.guide.grow(len(snapshot.objects) + len(tree))
-        factor, weight = self.guide.plan(tree, snapshot.tri_object[texels.texel_tri[tree.start[tree.levels[0]]]])
-        worth = weigh_deposits(tree, self.reading.leaves, light, self.ledger.deposits, self.parts)
-        return Splitting(factor, worth, self.births.plan()), weight
+        return Guiding(weigh_deposits(tree, self.reading.leaves, light, self.ledger.deposits, self.parts), self.births.plan())
 
     def _find_mean_direct(self, reading: RadiositySolution) -> NDArray[np.float64]:
         """(3, n_node) float64, W/m^2: direct light by rays on the nodes of a reading; cached, for a round needs it twice."""
@@ -332,12 +328,12 @@ class Solver:
             few=self._find_few(reading) if stated else None,
         )
 
-    def _next_photons(self, stated: error_estimate.StatedError | None, weight: float) -> tuple[int, int]:
+    def _next_photons(self, stated: error_estimate.StatedError | None) -> tuple[int, int]:
         """Photons of the next round, and how many the bake may trace after it: 0 where it probably needs none."""
         errors = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
         settings, most, late = self.settings, self.settings.max_photons, self.rounds.count_late()
-        so_far, total_weight = self.ledger.photons + late[0], self.ledger.total_weight + late[1]
+        so_far = self.ledger.photons + late
         degree = self.degree if settings.hierarchical else None
-        photons, is_last = rounds.next_photons(so_far, total_weight, weight, most, len(self.tree), settings.error, *errors, degree)
+        photons, is_last = rounds.next_photons(so_far, most, len(self.tree), settings.error, *errors, degree)
         photons = max(self.deadline.cap_photons(photons), min(photons, _LEAST_PHOTONS))
         return photons, 0 if is_last else most - so_far - photons

@@ -4,8 +4,8 @@ A sun shines on the whole house, and one photon in many enters by a window. Earl
 photons are emitted are cut into cells, each with a share of the photons, and a photon's power is divided by the cell's density. Cells of
 random numbers, in place of positions and directions, work alike for all kinds of light.
 
-Only photons that are not split are guided. Where several part at the first surface, their number is adapted there (see splitting), and
-guided emission besides removed no more error on the samples than its rays cost.
+Only photons that bring all light are guided. Where they bring reflected light alone, guided emission removed no more error on the samples
+than its rays cost, nor did more or fewer parts where they part on random scenes.
 
 Source: Peter & Pietrek 1998, "Importance driven construction of photon maps"; Lepage 1978 (VEGAS) and Jadach 2000 (Foam) for cells of the
 unit cube that are cut where it helps; Neyman's allocation for their shares; Hesterberg 1995 for photons that go evenly among them.
@@ -24,9 +24,8 @@ from .photon_log import Groups
 
 Float64 = NDArray[np.float64]
 
-# Share of photons emitted without guiding: they sample what was not foreseen, and bound the variance at twice the unguided one. The bound
-# would not hold if better guided rounds had more weight, as with splitting: where such rounds send few photons, these would count for much
-# with high variance. All rounds have equal weights.
+# Share of photons emitted without guiding: they sample what was not foreseen, and bound the variance at twice the unguided one. All rounds
+# count alike: with more weight for better guided ones the bound would not hold.
 EVEN_SHARE = 1 / 2
 MOST_CELLS = 4096
 _CUTS = 6  # of a cell, one after the other, from one round

@@ -12,27 +12,24 @@ from .photon_log import ENERGY_NAMES, Counters, EnergyAudit
 
 @dataclass
 class Ledger:
-    """Sums over all shards. Each photon carries all light of the scene times its weight; reading divides by the sum of weights.
+    """Sums over all shards. Each photon carries all light of the scene; reading divides by their number.
 
     energy_w   for each of ENERGY_NAMES, (3,) float64
-    total_weight       sum of the photons' weights
     rays       number of photons' rays
     gathered   number of gather rays, whether their light is shown or was dropped
     """
 
     energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
     photons: int = 0
-    total_weight: float = 0.0
     rays: int = 0
     deposits: int = 0
     gathered: int = 0
 
-    def add(self, photons: int, weight: float, audit: EnergyAudit, counters: Counters) -> None:
-        """Add a shard of `photons` photons with one weight."""
+    def add(self, photons: int, audit: EnergyAudit, counters: Counters) -> None:
+        """Add a shard of `photons` photons."""
         for name in ENERGY_NAMES:
             self.energy_w[name] += getattr(audit, name)
         self.photons += photons
-        self.total_weight += photons * weight
         self.rays += counters.rays
         self.deposits += counters.deposits
 
@@ -42,10 +39,10 @@ class Ledger:
         return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
     def photon_w(self) -> NDArray[np.float64]:
-        """(3,), W: power of one photon at its light, if `total_weight` equal photons shared the light."""
-        photon_w: NDArray[np.float64] = self.energy_w["emitted"] / max(self.total_weight, 1.0) ** 2
+        """(3,), W: power of one photon at its light, if all photons shared the light equally."""
+        photon_w: NDArray[np.float64] = self.energy_w["emitted"] / max(self.photons, 1) ** 2
         return photon_w
 
     def audit_w(self) -> dict[str, list[float]]:
         """The energy audit, W: emitted = absorbed + escaped + remainder, and the power that passed through surfaces on the way."""
-        return {name: (total / max(self.total_weight, 1.0)).tolist() for name, total in self.energy_w.items()}
+        return {name: (total / max(self.photons, 1)).tolist() for name, total in self.energy_w.items()}

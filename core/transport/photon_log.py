@@ -53,16 +53,14 @@ class Counters:
 
 @dataclass(frozen=True)
 class Groups:
-    """Photons that were one up to their first surface and were split there.
+    """Photons that were one at their birth: where tracing parts them, they stay one group.
 
-    place   (g,) int32          place of splitting, of photons.SplitAt
-    split   (g,) float32        number of photons over photons.SPLIT
-    rays    (g,) int64          number of rays from there on, of all together
+    place   (g,) int32          bin of birth, of emission_cells.find_bins
+    rays    (g,) int64          number of rays, of all together
     owner   (m,) int32          the group of each deposit
     """
 
     place: _Ints
-    split: _Rows
     rays: NDArray[np.int64]
     owner: _Ints
 
@@ -136,21 +134,19 @@ class PhotonLog:
         self.photons = self.rays = self.n_hit = 0
         self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, NDArray[np.bool_]]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
-        self._split: list[_Rows] = []
         self._under_way: list[_Ints] = []  # the group of each ray
         self._owner: list[_Ints] = []
         none = np.zeros(0, np.float32)
         self._elsewhere = [SideHits(np.zeros(0, np.int32), none, none, np.zeros(0, bool), np.zeros((3, 0), np.float32))]
 
-    def open_groups(self, place: _Ints, split: _Rows) -> _Ints:
-        """The numbers (g,) of new groups; arguments as in Groups."""
+    def open_groups(self, place: _Ints) -> _Ints:
+        """The numbers (g,) of new groups; place as in Groups."""
         self._place.append(place)
-        self._split.append(split)
         first, self._n_group = self._n_group, self._n_group + len(place)
         return np.arange(first, self._n_group, dtype=np.int32)
 
     def count_rays(self, count: int, group: _Ints | None) -> None:
-        """group   (count,) int32: their groups, None before groups are opened and where there are none"""
+        """group   (count,) int32: their groups, None where there are none"""
         self.rays += count
         if group is not None:
             self._under_way.append(group)
@@ -188,4 +184,4 @@ class PhotonLog:
     def _groups(self) -> Groups:
         none = [np.zeros(0, np.int32)]
         rays = np.bincount(np.concatenate(self._under_way + none), minlength=self._n_group)
-        return Groups(np.concatenate(self._place), np.concatenate(self._split), rays, np.concatenate(self._owner + none))
+        return Groups(np.concatenate(self._place), rays, np.concatenate(self._owner + none))

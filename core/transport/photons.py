@@ -10,7 +10,7 @@ and image synthesis" (splitting).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,8 +49,6 @@ _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the me
 
 _Rows = NDArray[np.float32]
 _Ints = NDArray[np.int32]
-# Of hits (tri, u, v), each (m,): where they lie, (m,) int32, and how many times SPLIT photons part there, (m,) float32.
-SplitAt = Callable[[_Ints, _Rows, _Rows], tuple[_Ints, _Rows]]
 
 
 @dataclass(frozen=True)
@@ -143,7 +141,6 @@ def trace_shard(
     rng: np.random.Generator,
     max_depth: int,
     skip_first: bool,
-    split_at: SplitAt | None = None,
     cells: BirthCells | None = None,
 ) -> Iterator[ShardHits]:
     """Trace photons until they escape, are absorbed or have met `max_depth` surfaces; gives what became of them in one piece, or in more
@@ -151,14 +148,13 @@ def trace_shard(
 
     total_flux_share   what these photons carry together, as a share of all the scene's power: n_photons / all photons of a bake
     skip_first         direct light is found elsewhere: first hits scatter but are not deposited; SPLIT photons go there together
-    split_at           more or fewer of them where they part; then what becomes of them is given by groups
-    cells              where more or fewer of them are born, if they go alone; then groups have one photon, and its bin for a place
+    cells              where more or fewer of them are born, if they go alone; then what becomes of them is given by groups
     """
     log = PhotonLog()
     waves: Iterable[Photons] = _bear(scene, cells, n_photons, total_flux_share, rng, _count_parts(skip_first), log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
-        left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, split_at, log))]
+        left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, log))]
         waves = join_waves(left)
         if not left:
             break
@@ -180,7 +176,6 @@ def _bounce(
     rng: np.random.Generator,
     depths: range,
     skip_first: bool,
-    split_at: SplitAt | None,
     log: PhotonLog,
 ) -> Photons | None:
     """The photons after as many surfaces that reflect them; None when none is left."""
@@ -188,7 +183,7 @@ def _bounce(
         reflected: list[Photons] = []
         under_way = photons
         for _ in range(MOST_LAYERS):
-            after, passed = _meet(scene, under_way, rng, depth, skip_first, split_at, log)
+            after, passed = _meet(scene, under_way, rng, depth, skip_first, log)
             reflected += [after] if after else []
             if passed is None:
                 break
@@ -202,7 +197,7 @@ def _bounce(
 
 
 def _meet(
-    scene: TraceScene, photons: Photons, rng: np.random.Generator, depth: int, skip_first: bool, split_at: SplitAt | None, log: PhotonLog
+    scene: TraceScene, photons: Photons, rng: np.random.Generator, depth: int, skip_first: bool, log: PhotonLog
 ) -> tuple[Photons | None, Photons | None]:
     """Those that the next surface reflects, and those that pass through it, still on their way to the same bounce; None for none."""
     found = scene.rays.closest(photons.origin.T, photons.direction.T)
@@ -256,11 +251,7 @@ def _meet(
         log.passed += passed.power
         landed = landed - passed.power
     parts = skip_first and not depth
-    split: _Rows | np.float32 | None = np.float32(_count_parts(parts)) if parts else None
-    if split is not None and split_at:
-        place, factor = split_at(tri, u, v)
-        split = split * factor
-        group = log.open_groups(place, factor)
+    split = _count_parts(parts) if parts else None
     albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
     if scene.gloss:
         mirrored = reflect_photons(scene, glossy, index, group, cosine, depth == 0, _count_parts(parts), rng)
@@ -335,7 +326,7 @@ def _bear(
     batch = BATCH if together == 1 else max(2 * BATCH // together, 1)  # surfaces reflect about half of what comes, so that waves stay full
     for photons, shadowless in bear_photons(scene.emitters, planned, count, total_flux_share, rng, batch, with_bins):
         if photons.group is not None:
-            photons.group = log.open_groups(photons.group, np.ones(len(photons.group), np.float32))
+            photons.group = log.open_groups(photons.group)
         if shadowless.any():
             log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
         yield photons
@@ -395,11 +386,11 @@ def _deposit(
 
 
 def _play_roulette(
-    flux: _Rows, albedo: _Rows, split: _Rows | np.float32 | None, rng: np.random.Generator
+    flux: _Rows, albedo: _Rows, split: int | None, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp] | None, _Rows]:
     """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
 
-    split   (n,) float32 or a number: of each photon so many play, with a share of its flux each; split * q of them survive, to within
+    split   of each photon so many play, with a share of its flux each; split * q of them survive, to within
             one. None is one
     alive   (k,) int, ascending: photons that survive
     count   (k,) int: in how many parts; None without `split`
@@ -409,7 +400,7 @@ def _play_roulette(
     survivors = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
     survivors /= np.maximum(np.maximum(np.maximum(flux[0], flux[1]), flux[2]), _TINY)
     if split is not None:
-        survivors *= split
+        survivors *= np.float32(split)
     expected = survivors.copy()
     survivors += rng.random(len(survivors), dtype=np.float32)  # what is cut off survives by chance
     alive = (survivors >= 1).nonzero()[0]

@@ -52,8 +52,6 @@ def grow_photons(noise2: float, wanted2: float, degree: int | None) -> float:
 
 def next_photons(
     so_far: int,
-    total_weight: float,
-    weight: float,
     most: int,
     n_node: int,
     wanted_error: float,
@@ -65,8 +63,6 @@ def next_photons(
     enough, so that no round follows.
 
     so_far        photons so far, of a bake that may have `most`
-    total_weight          sum of their weights
-    weight        weight of a photon of the next round, relative to one of the first
     n_node        nodes of the trees
     error         relative, so far; nan where it is unknown
     fixed_error   relative, the part that photons do not reduce
@@ -76,14 +72,14 @@ def next_photons(
         wanted = min(FIRST_NODE_PHOTONS * n_node, MOST_FIRST_PHOTONS, int(FIRST_SHARE * most))
         return min(max(wanted, FIRST_ROUND_PHOTONS), most), False
     enough = math.inf
-    growth = EARLY_GROWTH if total_weight < EARLY_PHOTONS else ROUND_GROWTH
+    growth = EARLY_GROWTH if so_far < EARLY_PHOTONS else ROUND_GROWTH
     noise2, left2 = error**2 - fixed_error**2, wanted_error**2 - fixed_error**2
     if left2 > 0.0 and noise2 > 0.0:
         times = max(grow_photons(SPARE * noise2, left2, degree), SPARE)
-        enough = (times - 1.0) * total_weight / weight
+        enough = (times - 1.0) * so_far
         growth = min(times - 1.0, NEAR_GROWTH if times < NEAR_TIMES else growth)
-    grown = min(growth * total_weight / weight, ROUND_PHOTONS)
-    photons = max(grown, FIRST_ROUND_PHOTONS / weight, min(NODE_PHOTONS * n_node, so_far) / weight)
+    grown = min(growth * so_far, ROUND_PHOTONS)
+    photons = max(grown, FIRST_ROUND_PHOTONS, min(NODE_PHOTONS * n_node, so_far))
     return int(min(photons, most - so_far)), photons >= enough
 
 

@@ -48,12 +48,10 @@ MECHANISMS = {
     "dark_level": "below a sky, shadow rays stop at an absolute error in dark places",
     # indirect light by rays
     "final_gathering": "indirect light is gathered by rays from texels (--no-gather)",
-    "gathering_plan": "gathering has to be forecast to pay; without it all texels are gathered after two rounds",
     "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
     "batches": "batches of further rays grow geometrically",
     # photons
     "splitting": "8 photons go together to the first surface and part there",
-    "splitting_guide": "photons split more where what they bring reduces the error more",
     "emission_guide": "photons leave lamps more often where they reduce the error more (--direct photons)",
     "photons_ahead": "photons of the first rounds are traced while charts are made",
     "rays_ahead": "some shadow rays are sent before the first photons are read",
@@ -67,8 +65,7 @@ MECHANISMS = {
     "noise_correction": "the photons' variance is corrected by how the halves of the bake differ",
 }
 # Those that are a setting already, and its value without them.
-_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "final_gathering": "gather"}
-_GUIDES = {"rays": "splitting_guide", "photons": "emission_guide"}  # by the way of direct light
+_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "final_gathering": "gather", "emission_guide": "guided"}
 
 
 def list_without() -> tuple[str, ...]:
@@ -103,8 +100,6 @@ def trim_settings(settings: Settings) -> Settings:
     if settings.cluster and list_without():
         raise ValueError(f"{VARIABLE}: workers of a cluster do not inherit it; bake without --cluster.")
     off = {field: False for name, field in _OF_SETTINGS.items() if not uses(name)}
-    if not uses(_GUIDES[settings.direct]):
-        off["guided"] = False
     return replace(settings, **off)  # type: ignore[arg-type]
 
 

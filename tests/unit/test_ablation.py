@@ -39,7 +39,7 @@ def bake_without(folder, monkeypatch, *names, settings=QUICK, scene=None):
 
 def test_each_mechanism_is_asked_for_by_a_name_that_is_listed():
     asked = {name for path in CORE.rglob("*.py") for name in re.findall(r'uses\("(\w+)"\)', path.read_text(encoding="utf-8"))}
-    of_settings = {"grain_filter", "seams", "contacts", "final_gathering", "splitting_guide", "emission_guide"}
+    of_settings = {"grain_filter", "seams", "contacts", "final_gathering", "emission_guide"}
     assert asked | of_settings == set(ablation.MECHANISMS)
     with pytest.raises(KeyError):
         ablation.uses("magic")
@@ -54,8 +54,7 @@ def test_unknown_names_are_refused_with_those_that_are_known(tmp_path, monkeypat
 
 def test_settings_follow_the_mechanisms_that_they_switch(monkeypatch):
     monkeypatch.setenv(ablation.VARIABLE, "grain_filter,final_gathering,emission_guide")
-    assert ablation.trim_settings(replace(QUICK, gather=True)) == replace(QUICK, denoise=False)
-    assert ablation.trim_settings(replace(QUICK, direct="photons")).guided is False
+    assert ablation.trim_settings(replace(QUICK, gather=True)) == replace(QUICK, denoise=False, guided=False)
     monkeypatch.delenv(ablation.VARIABLE)
     assert ablation.trim_settings(QUICK) == QUICK
 

@@ -10,11 +10,11 @@ import pytest
 from boxes import lamp_scene, make_solver, room_mesh
 from leaflight.core.bake import checkpoint
 from leaflight.core.bake.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
+from leaflight.core.bake.solve import Solver
 from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import shared_arrays
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport import rounds
-from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
 from scenes import make_scene
 
@@ -126,7 +126,7 @@ def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch)
 
 
 def test_light_that_is_gathered_after_every_round_is_that_of_a_bake_that_was_not_stopped(tmp_path, monkeypatch):
-    monkeypatch.setenv(ablation.VARIABLE, "gathering_plan")
+    monkeypatch.setattr(Solver, "_may_gather", lambda *_: True)
     settings = replace(SETTINGS, size=12, error=0.003, max_photons=1_600_000)
     whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings), 4)
     kept, _ = keep(tmp_path, settings, 3)

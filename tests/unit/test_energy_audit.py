@@ -1,4 +1,4 @@
-"""Sums of shards of any weight."""
+"""Sums of shards."""
 
 import numpy as np
 import pytest
@@ -6,17 +6,17 @@ from leaflight.core.transport.energy_audit import ENERGY_NAMES, Ledger
 from leaflight.core.transport.photon_log import Counters, EnergyAudit
 
 
-def make_shard(photons, weight):
+def make_shard(photons):
     """A shard whose photons bring 2 W each of red light to where nothing reflects, and what came of it."""
-    watts = np.array([2.0, 0.0, 0.0]) * photons * weight
-    return photons, weight, EnergyAudit(watts, watts, *np.zeros((5, 3))), Counters(photons, 3 * photons, photons)
+    watts = np.array([2.0, 0.0, 0.0]) * photons
+    return photons, EnergyAudit(watts, watts, *np.zeros((5, 3))), Counters(photons, 3 * photons, photons)
 
 
-def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights():
+def test_watts_do_not_depend_on_how_many_photons_there_were():
     ledger = Ledger()
     assert ledger.audit_w() == {name: [0.0] * 3 for name in ENERGY_NAMES}
-    for photons, weight in ((100, 1.0), (50, 4.0)):
-        ledger.add(*make_shard(photons, weight))
+    for photons in (100, 50):
+        ledger.add(*make_shard(photons))
     assert ledger.audit_w() == {
         "emitted": [2.0, 0.0, 0.0],
         "absorbed": [2.0, 0.0, 0.0],
@@ -26,5 +26,5 @@ def test_watts_do_not_depend_on_how_many_photons_there_were_nor_on_their_weights
         "mirrored": [0.0] * 3,
         "refracted": [0.0] * 3,
     }
-    assert ledger.photon_w() == pytest.approx([2.0 / 300.0, 0.0, 0.0])
-    assert (ledger.photons, ledger.total_weight, ledger.rays, ledger.deposits) == (150, 300.0, 450, 150)
+    assert ledger.photon_w() == pytest.approx([2.0 / 150.0, 0.0, 0.0])
+    assert (ledger.photons, ledger.rays, ledger.deposits) == (150, 450, 150)

@@ -23,7 +23,7 @@ SCENE = make_scene([room_mesh(), box_mesh("Block", (0.3, 0.2, 0.3))], [LAMP], [M
 def bake(folder, settings=SETTINGS, executor=None, scene=SCENE, plan=None):
     solver = make_solver(folder, scene, settings, executor)
     if plan is not None:
-        solver.gather_plan.pays = plan
+        solver._may_gather = plan
     return solver.run(lambda message: None, lambda: False), solver
 
 

@@ -1,18 +1,17 @@
 """Shards of photons: pure functions, whoever runs them, and sums of what they bring."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, to_bytes
 from leaflight.core.bake import photon_shards
 from leaflight.core.bake.photon_shards import PhotonShard, trace_photons
-from leaflight.core.parallel import folders, shared_arrays
-from leaflight.core.radiosity.splitting_guide import Splitting
+from leaflight.core.parallel import shared_arrays
+from leaflight.core.radiosity.deposit_worth import Guiding
 from leaflight.core.radiosity.tree_view import TreeView
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.transport import photons, traced_scene
+from leaflight.core.transport import traced_scene
 from leaflight.core.transport.emission_cells import BirthCells
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, make_scene, moved, quad_mesh
@@ -21,7 +20,7 @@ SETTINGS = Settings(size=32, padding=1)
 
 
 def make_shard(folder, scene, worth=None, everywhere=False):
-    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), photons may be told to part as they would.
+    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), emission may be guided.
 
     everywhere   squares count photons of all texels, not of those that something touches
     """
@@ -31,8 +30,8 @@ def make_shard(folder, scene, worth=None, everywhere=False):
     squares = np.arange(n_texel, dtype=np.int32) if everywhere else solver.squares.entry
     shared_arrays.save_struct(view, TreeView.of_tree(tree, n_texel, squares))
     if worth:
-        told = Splitting(np.ones(len(scene.objects) + len(tree), np.float32), worth(len(tree)), BirthCells.whole(np.ones(1)))
-        shared_arrays.save_struct(view / photon_shards.SPLITTING_FOLDER, told)
+        guiding = Guiding(worth(len(tree)), BirthCells.whole(np.ones(1)))
+        shared_arrays.save_struct(view / photon_shards.GUIDING_FOLDER, guiding)
     return PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
 
 
@@ -53,39 +52,6 @@ def test_seed_round_and_shard_each_give_other_photons(photon_shard, change):
     assert to_bytes(trace_photons(replace(photon_shard, **change))) != to_bytes(trace_photons(photon_shard))
 
 
-def test_photons_of_more_weight_carry_more(photon_shard):
-    one, three = (trace_photons(replace(photon_shard, weight=weight)) for weight in (1.0, 3.0))
-    assert three.audit.emitted == pytest.approx(3 * one.audit.emitted, rel=1e-6)
-    np.testing.assert_allclose(three.tally.raw, 3 * one.tally.raw, rtol=1e-5, atol=1e-5 * one.tally.raw.max())
-    assert three.counters == one.counters
-
-
-def test_photons_part_as_their_view_says(photon_shard):
-    """The same light comes of fewer rays where fewer photons part; the groups tell of all of them."""
-    shard = replace(photon_shard, photons=1_000_000, skip_first=True, guided=True)
-    n_object, n_node = len(traced_scene.open_tracing(shard.tracing).snapshot.objects), len(photon_shards.open_view(shard.view).centre)
-    cells = BirthCells.whole(traced_scene.open_tracing(shard.tracing).scene.emitter_share)
-    results = []
-    for factor in (1.0, 0.25):
-        told = Splitting(np.full(n_object + n_node, factor, np.float32), np.ones((3, n_node)), cells)
-        shared_arrays.save_struct(Path(shard.view) / photon_shards.SPLITTING_FOLDER, told)
-        results.append(trace_photons(shard))
-        shared_arrays.remove_struct(Path(shard.view) / photon_shards.SPLITTING_FOLDER)
-        folders.forget_folders()
-    many, few = results
-    births = -(-shard.photons // photons.SPLIT)
-    assert few.counters.rays - births == pytest.approx((many.counters.rays - births) / 4, rel=0.02)
-    light = [result.tally.raw[:, 0, 0].sum() for result in results]
-    deviation = [np.sqrt(result.tally.count.sum()) / result.tally.count.sum() for result in results]  # deposits weigh the same here
-    assert light[1] == pytest.approx(light[0], rel=4 * np.hypot(*deviation))
-    for result, factor in ((many, 1.0), (few, 0.25)):
-        assert result.splitting.groups.sum() <= births
-        assert result.splitting.place.min() >= n_object  # all that photons meet there has a lightmap
-        assert result.splitting.rays.sum() * factor == pytest.approx(result.counters.rays - births)
-        assert result.splitting.noise.sum() / factor == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
-        assert result.births is None
-
-
 @pytest.mark.parametrize("guided", [False, True])
 def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
     """Half of a sheet is folded to a line in its layer; what has the last texels lies in the dark."""
@@ -100,9 +66,9 @@ def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path, guided):
         [Material("White", (0.9,) * 3)],
     )
     shard, tree = make_shard(tmp_path, scene, lambda n_node: np.ones((3, n_node)))
-    result = trace_photons(replace(shard, skip_first=guided, guided=guided))
+    result = trace_photons(replace(shard, guided=guided))
     texels = traced_scene.open_tracing(str(tmp_path)).texels
     assert set(scene.tri_object[texels.texel_tri[tree.start[result.tally.node]]]) == {0}
     assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half
     if guided:
-        assert result.splitting.noise.sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)
+        assert result.births.noise[:, 0].sum() == pytest.approx(result.tally.weight2.sum(), rel=1e-5)

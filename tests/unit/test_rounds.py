@@ -19,7 +19,7 @@ PLENTY = 10**9
 
 def next_plain(so_far, most, n_node, wanted_error, error, fixed_error, degree=None):
     """Where all photons told as much as those of a first round."""
-    return next_photons(so_far, float(so_far), 1.0, most, n_node, wanted_error, error, fixed_error, degree)[0]
+    return next_photons(so_far, most, n_node, wanted_error, error, fixed_error, degree)[0]
 
 
 @pytest.mark.parametrize(("degree", "power"), [(None, 1.0), (0, 1 / 2), (1, 2 / 3), (2, 3 / 4)])
@@ -43,11 +43,6 @@ def test_refined_leaves_balance_noise_and_what_they_cannot_hold(degree):
     assert grow_photons(least(1e4), least(1e6), degree) == pytest.approx(100.0, rel=1e-3)
     assert grow_photons(4.0, 1.0, None) == 4.0
     assert grow_photons(0.0, 1.0, degree) == 0.0
-
-
-def test_photons_that_tell_more_are_enough_sooner():
-    one, four = (next_photons(2_000_000, 2e6, weight, PLENTY, 10, 0.05, 0.09, 0.0, None)[1] for weight in (1.0, 4.0))
-    assert (one, four) == (False, True)
 
 
 def test_no_round_goes_beyond_the_photons_of_the_bake():
