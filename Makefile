@@ -11,7 +11,7 @@ endif
 VENV := .venv-$(PYTHON_VERSION)
 RUN := $(VENV)/bin/python
 
-.PHONY: help bake test pytest bench bench-speed bench-matter bench-zoo bench-ablation fuzz faults pictures lint zip clean
+.PHONY: help bake test pytest bench bench-speed bench-matter bench-files bench-zoo bench-ablation fuzz faults pictures lint zip clean
 .DELETE_ON_ERROR:
 
 help:
@@ -21,6 +21,7 @@ help:
 	@echo "make bench   the slow tests and the benchmarks, minutes each; ends with one table of what is claimed and measured"
 	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, an hour; fills docs/speed.md"
 	@echo "make bench-matter  Leaflight beside Cycles on every kind of matter, ten minutes; fills docs/matter.md"
+	@echo "make bench-files  .blend files of a folder beside Cycles, object by object; fills docs/files.md   (FILES=folder)"
 	@echo "make bench-zoo  Leaflight beside Cycles on random scenes, other ones every day   (ZOO='--quick --seeds 1 2 3', or other options)"
 	@echo "make bench-ablation  random scenes without each mechanism: what each is worth   (ABLATION='--seeds 1 2 --mechanisms tiles')"
 	@echo "make fuzz    1,000 odd scenes, damaged files and odd words, other ones every day   (FUZZ='--seeds 7 8', '--count 100', or other options)"
@@ -44,7 +45,7 @@ pytest: $(VENV)/.ready
 
 bench: $(VENV)/.ready-bench
 	rm -rf out/claims
-	code=0; for script in $(sort $(filter-out %/bench_speed.py %/bench_zoo.py %/bench_matter.py %/bench_ablation.py,$(wildcard tests/bench/bench_*.py))) tests/bench/print_claims.py; do \
+	code=0; for script in $(sort $(filter-out %/bench_speed.py %/bench_zoo.py %/bench_matter.py %/bench_files.py %/bench_ablation.py,$(wildcard tests/bench/bench_*.py))) tests/bench/print_claims.py; do \
 	  echo "== $$script"; PYTHONPATH=tests $(RUN) $$script || code=1; done; exit $$code
 
 bench-speed: $(VENV)/.ready-bench
@@ -52,6 +53,9 @@ bench-speed: $(VENV)/.ready-bench
 
 bench-matter: $(VENV)/.ready-bench
 	PYTHONPATH=tests $(RUN) tests/bench/bench_matter.py --docs
+
+bench-files: $(VENV)/.ready-bench
+	PYTHONPATH=tests $(RUN) tests/bench/bench_files.py $(FILES) --size 256 --error 0.03 --docs
 
 bench-zoo: $(VENV)/.ready-bench
 	PYTHONPATH=tests $(RUN) tests/bench/bench_zoo.py $(ZOO)
