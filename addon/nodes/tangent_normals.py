@@ -28,10 +28,11 @@ def lay_tangent_normals(
     color_size: int,
     strength: float,
 ) -> tuple[NDArray[np.float32], bool] | None:
-    """(height, width, 3) float32: unit normals in the world at polygons and around them, 0 elsewhere, each that at a texel's middle; and
-    whether the normal map is finer than that, so that between texels no mean is to be taken. None where it would take long.
+    """(height, width, 3) float32: unit normals in the world at polygons and around them, 0 elsewhere, each that at one place of a texel;
+    and whether the normal map is finer than that, so that between texels no mean is to be taken. None where it would take long.
 
-    A mean of normals is less tilted than they are, so that light at it is too bright on average; light at single ones is not.
+    A mean of normals is less tilted than they are, so that light at it is too bright on average; light at single ones is not. Of a finer
+    map they are those at random places: middles could all miss what is regular in it, such as joints between tiles.
 
     uv         (n_corner, 2) float: the layer along which tangents lie
     tri        (k,) int, the triangles wanted
@@ -57,12 +58,14 @@ def lay_tangent_normals(
     solid = np.asarray(matrix, np.float64)[:3, :3]
     turn = np.float32(np.linalg.inv(solid) if np.linalg.det(solid) else np.eye(3))
     pixels = np.zeros((atlas.height, atlas.width, 3), np.float32)
-    ends = np.cumsum(texels[polygons])
+    ends, rng = np.cumsum(texels[polygons]), np.random.default_rng(1)
     for group in np.split(polygons, np.unique(np.searchsorted(ends, np.arange(_TEXELS_AT_ONCE, ends[-1], _TEXELS_AT_ONCE)))):
         polygon = np.repeat(group, texels[group])
         number = np.arange(len(polygon)) - np.repeat(np.cumsum(texels[group]) - texels[group], texels[group])
         row, column = np.divmod(number, size[:, 0].take(polygon))
-        which, weight = _find_triangles(weigh, np.float32(column) + 0.5, np.float32(row) + 0.5, first.take(polygon), count.take(polygon))
+        beyond = rng.random((2, len(polygon)), np.float32) if is_finer else np.full((2, 1), np.float32(0.5))
+        x, y = np.float32(column) + beyond[0], np.float32(row) + beyond[1]
+        which, weight = _find_triangles(weigh, x, y, first.take(polygon), count.take(polygon))
         x, y, z = colors_at(_blend(places, which, weight).T).T * np.float32(2.0) - 1.0
         if strength != 1.0:
             x, y, z = x * strength, y * strength, 1.0 + (z - 1.0) * min(strength, 1.0)
