@@ -76,7 +76,7 @@ def test_a_normal_map_is_read_as_cycles_gives_it(kind, mirrored, strength, monke
     unit = theirs[both] / np.linalg.norm(theirs[both], axis=1, keepdims=True)
     cosine = (mine[both] * unit).sum(axis=1)
     assert np.percentile(cosine, 5) > 0.9  # around polygons Cycles shows the nearest of their texels
-    assert np.percentile(cosine, 50) > 0.9995  # 0.96 to 0.99 where the map is shifted by three texels
+    assert np.percentile(cosine, 50) > 0.997  # 0.96 to 0.99 where the map is shifted by three texels
 
 
 def test_joints_that_are_finer_than_the_texels_of_normals_are_not_missed():
