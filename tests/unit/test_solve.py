@@ -11,7 +11,6 @@ from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import executors
 from leaflight.core.radiosity import quadtree, tally
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.transport import rounds
 from leaflight.core.transport.rounds import EARLY_GROWTH, FIRST_ROUND_PHOTONS
 from leaflight.core.util.messages import Progress
 from leaflight.core.util.settings import Settings
@@ -28,10 +27,12 @@ def two_workers():
 
 
 @pytest.mark.parametrize("direct", ["photons", "rays"])
-def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, monkeypatch, direct, hold):
-    monkeypatch.setattr(rounds, "SHARD_PHOTONS", 1 << 13)  # so that some are traced while a round is looked at
-    settings = replace(SETTINGS, direct=direct)
-    alone = solve_scene(tmp_path / "1", lamp_scene(), settings)
+def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, direct, hold):
+    settings = replace(SETTINGS, direct=direct, max_photons=5_000_000, gather=False)
+    solver, late = make_solver(tmp_path / "1", lamp_scene(), settings), []
+    solver.watch = lambda light: late.append(solver.rounds.count_late())
+    alone = solver.run(lambda message: None, lambda: False)
+    assert max(late) > 0  # photons that are traced while a round is looked at
     together = solve_scene(tmp_path / "2", lamp_scene(), settings, two_workers)
     assert alone.rounds > 1  # so that refined trees are compared, not only roots
     assert len(alone.leaves) > 7
