@@ -187,16 +187,15 @@ class TexelBorders:
         )
         for (along, across), corner, diagonal in zip(QUADRANTS, self.corner, self.diagonal, strict=True):
             own = np.flatnonzero(diagonal >= 0)
-            beyond, lost = np.searchsorted(self.entry, diagonal[own]), _HALF - corner[:, own].astype(np.float64)
-            gained = [np.clip(reach[OPPOSITE[way], beyond] - _HALF, 0.0, part) for way, part in zip((along, across), lost, strict=True)]
-            signs = WAYS[along][0], WAYS[across][1]
+            beyond = np.searchsorted(self.entry, diagonal[own])
+            right, up, (x, y) = WAYS[along][0], WAYS[across][1], corner[:, own].astype(np.float64)
+            wide = np.clip(reach[OPPOSITE[along], beyond] - _HALF, 0.0, _HALF - x)
+            high = np.clip(reach[OPPOSITE[across], beyond] - _HALF, 0.0, _HALF - y)
             for k, (i, j) in enumerate(monomial_exponents(degree)):
-                sides = zip(signs, lost, gained, (i, j), strict=True)
-                taken = [_between(sign * (_HALF - part), sign * _HALF, power) for sign, part, _, power in sides]
-                sides = zip(signs, lost, gained, (i, j), strict=True)
-                given = [_between(-sign * _HALF, -sign * (_HALF + part), power) for sign, _, part, power in sides]
-                moments[k, own] -= taken[0] * taken[1]
-                np.add.at(moments[k], beyond, given[0] * given[1])
+                lost = _between(right * x, right * _HALF, i) * _between(up * y, up * _HALF, j)
+                gained = _between(-right * _HALF, -right * (_HALF + wide), i) * _between(-up * _HALF, -up * (_HALF + high), j)
+                moments[k, own] -= lost
+                np.add.at(moments[k], beyond, gained)
         return moments
 
 
