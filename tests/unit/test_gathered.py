@@ -13,7 +13,7 @@ from leaflight.core.integrate.gathered import GatheredField
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.settings import Settings
-from scenes import box_mesh, make_scene
+from scenes import box_mesh, make_scene, moved, quad_mesh
 
 SETTINGS = Settings(size=128, padding=1, error=0.008)
 LAMP = Light("POINT", "Lamp", (0.2, 0.1, 0.3), power_rgb=(10.0, 5.0, 2.5), radius_m=0.05)
@@ -149,3 +149,12 @@ def test_an_open_scene_is_as_bright_as_by_photons(tmp_path):
     shown = solver.tracing.texels.shown & solver.tracing.texels.is_central
     gap = np.abs(mine.indirect - theirs.indirect)[shown]
     assert np.quantile(gap, 0.95) < 0.05 * (theirs.direct + theirs.indirect).mean()
+
+
+@pytest.mark.parametrize(("size_m", "gathers"), [(4.0, True), (800.0, False)])
+def test_nothing_is_gathered_of_surfaces_whose_cells_hide_the_shadows_around_things(tmp_path, size_m, gathers):
+    """A room on a plain without a lightmap."""
+    plain = replace(moved(quad_mesh("Plain", size_m, size_m), (-size_m / 2, -size_m / 2, -1.5)), receives=False)
+    scene = make_scene([room_mesh(), box_mesh("Block", (0.3, 0.2, 0.3)), plain], [LAMP], [Material("Grey", (0.6,) * 3)])
+    light, _ = bake(tmp_path, replace(SETTINGS, max_photons=800_000), scene=scene)
+    assert (light.gathered is not None) == gathers
