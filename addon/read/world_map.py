@@ -145,6 +145,7 @@ def open_world(world: Any, scene: Any, view_layer: Any = None) -> Iterator[World
         if world is not None:
             copy = world.copy()
             made.append(copy)
+            copy.cycles.sampling_method = "NONE"  # nothing is lit here, and Cycles' own map of where the light is takes a second
             _show_to_diffuse(copy.node_tree, made, {})
             temporary.world = copy
         yield WorldBaker(temporary, made)

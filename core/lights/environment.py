@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..scene.scene_cover import SceneCover
 from ..util.arrays import Float32, Float64, FloatArray
 from ..util.brightness import weigh_channels
-from ..util.sphere_map import CellTable, find_cells, find_solid_angles, place_in_cells
+from ..util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
 from .lights import Births, make_births
 
 
@@ -60,9 +60,7 @@ class EnvironmentEmitter:
     def of(cls, name: str, environment: Environment, cover: SceneCover, per_area: float) -> EnvironmentEmitter:
         """per_area   square metres to one of the unit box"""
         height, width, _ = environment.radiance.shape
-        cell = np.arange(height * width)
-        half = np.full(len(cell), 0.5)
-        outline = cover.outline_area(place_in_cells((height, width), cell, half, half)) * per_area
+        outline = cover.outline_area(find_middles((height, width))) * per_area
         weight = environment.cell_power.ravel() * outline
         solid_angle = np.repeat(find_solid_angles(height, width), width)
         in_sight = environment.radiance.reshape(-1, 3) * solid_angle[:, None]

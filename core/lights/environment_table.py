@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..util.arrays import Float32, Float64, FloatArray
-from ..util.sphere_map import LineTable, find_cells, find_solid_angles, place_in_cells
+from ..util.sphere_map import LineTable, find_cells, find_middles, find_solid_angles, place_in_cells
 from .environment import Environment
 
 Int64 = NDArray[np.int64]
@@ -78,9 +78,7 @@ class EnvironmentTable:
     @cached_property
     def direction(self) -> Float32:
         """(n_patch, 3) float32, unit: to the patches' middles by power."""
-        cell = np.arange(math.prod(self._shape))
-        half = np.full(len(cell), 0.5)
-        toward = place_in_cells(self._shape, cell, half, half).astype(np.float64)
+        toward = find_middles(self._shape).astype(np.float64)
         power = self.environment.cell_power.ravel()
         sums = np.stack([np.bincount(self._patch_of_cell, power * axis, len(self.power)) for axis in toward.T], axis=1)
         out: Float32 = (sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)).astype(np.float32)
@@ -116,9 +114,7 @@ class EnvironmentTable:
         height, width = self._shape
         rows, columns = min(2 * _PATCH_ROWS, height), min(2 * _PATCH_COLUMNS, width)
         block = ((np.arange(height) * rows // height)[:, None] * columns + np.arange(width) * columns // width).ravel()
-        cell = np.arange(height * width)
-        half = np.full(len(cell), 0.5)
-        toward = place_in_cells(self._shape, cell, half, half).astype(np.float64)
+        toward = find_middles(self._shape).astype(np.float64)
         solid_angle = np.repeat(find_solid_angles(height, width), width)
         rgb = self.environment.radiance.reshape(-1, 3) * solid_angle[:, None]
         weight = self.environment.cell_power.ravel()

@@ -18,7 +18,7 @@ from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.transport import photons
 from leaflight.core.util.brightness import weigh_channels
 from leaflight.core.util.sampling import square_to_uniform_sphere
-from leaflight.core.util.sphere_map import CellTable, find_cells, find_solid_angles, place_in_cells
+from leaflight.core.util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles, place_in_cells
 from scenes import box_mesh
 
 SIDE = 32
@@ -28,8 +28,7 @@ BLOCK = box_mesh("Block", (0.3, 0.3, 0.2), (0.5, 0.5, 0.4))
 
 def middles(height: int, width: int) -> np.ndarray:
     """(height * width, 3): directions to the cells' middles."""
-    cell = np.arange(height * width)
-    return place_in_cells((height, width), cell, np.full(len(cell), 0.5), np.full(len(cell), 0.5))
+    return find_middles((height, width))
 
 
 def make_map(height: int, width: int, function) -> np.ndarray:
@@ -66,6 +65,10 @@ class TestCells:
         toward = place_in_cells(shape, cell, *rng.uniform(0.01, 0.99, (2, 2000)))
         assert (find_cells(shape, toward) == cell).all()
         assert np.linalg.norm(toward, axis=1) == pytest.approx(1, abs=1e-6)
+
+    def test_middles_are_half_way_along_each_cell(self):
+        half = np.full(15, 0.5)
+        assert np.array_equal(find_middles((5, 3)), place_in_cells((5, 3), np.arange(15), half, half))
 
     def test_solid_angles_fill_the_sphere(self):
         assert find_solid_angles(7, 5).sum() * 5 == pytest.approx(4 * math.pi)

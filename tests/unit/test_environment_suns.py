@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from leaflight.core.lights.environment_suns import Spot, take_suns_out
 from leaflight.core.util.geometry import orthonormal_basis
-from leaflight.core.util.sphere_map import find_solid_angles, place_in_cells
+from leaflight.core.util.sphere_map import find_middles, find_solid_angles
 
 TOWARD = np.array([0.48, -0.6, 0.64])
 HEIGHT, FINE = 256, 4
@@ -18,8 +18,7 @@ HEIGHT, FINE = 256, 4
 @lru_cache(maxsize=1)
 def place_fine(shape: tuple[int, int]) -> np.ndarray:
     """(n, 3): directions of the middles of cells."""
-    cell = np.arange(shape[0] * shape[1])
-    return place_in_cells(shape, cell, np.full(len(cell), 0.5), np.full(len(cell), 0.5)).astype(float)
+    return find_middles(shape).astype(float)
 
 
 def sky(half_angle_rad: float, radiance: tuple[float, float, float] = (1e4, 8e3, 5e3), toward=TOWARD, height: int = HEIGHT) -> np.ndarray:

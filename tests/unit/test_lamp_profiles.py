@@ -13,14 +13,13 @@ from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.transport import photons
-from leaflight.core.util.sphere_map import find_solid_angles, place_in_cells
+from leaflight.core.util.sphere_map import find_middles, find_solid_angles
 
 SIDE, SHAPE, HEIGHT_M = 32, (128, 256), 0.8
 
 
 def directions() -> np.ndarray:
-    cell = np.arange(math.prod(SHAPE))
-    return place_in_cells(SHAPE, cell, np.full(len(cell), 0.5), np.full(len(cell), 0.5)).astype(float)
+    return find_middles(SHAPE).astype(float)
 
 
 def make_profile(values: np.ndarray) -> np.ndarray:
