@@ -14,6 +14,7 @@ from ...core.util.messages import Done, Error, Message, Preview, Progress, Statu
 from ..show.bake_text import Worn, describe_count, describe_percent, describe_seconds, summarize
 from .bake_bar import Bar
 
+READING_SCENE = "Reading the scene"
 _ROUGH = 0.1  # an error whose decimals say nothing
 
 
@@ -92,7 +93,7 @@ class BakeState:
     def prepare(self, process: Process, began: float, give_back: Callable[[], None], scene: int = 0) -> None:
         """The scene is read for a process that waits; `give_back` puts it back as it was, before something else happens to it."""
         self.forget(scene)
-        self.stage, self._began, self._process, self.give_back = "Reading the scene", began, process, give_back
+        self.stage, self._began, self._process, self.give_back = READING_SCENE, began, process, give_back
 
     def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0, scene: int = 0) -> None:
         """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""

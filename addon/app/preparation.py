@@ -15,6 +15,7 @@ class Preparation:
     begin     gives the steps of a new session
     version   a number that grows with every change of Blender's data
     holds     the scene must not change now: it looks as it is rendered, or is read
+    is_long   the next step may take seconds: the world is read
     """
 
     def __init__(self, begin: Callable[[], Steps[Session]], version: Callable[[], int]) -> None:
@@ -22,7 +23,7 @@ class Preparation:
         self._steps: Steps[Session] | None = None
         self._seen = 0
         self._is_whole = False
-        self.holds = True
+        self.holds, self.is_long = True, False
 
     def advance(self, seconds: float) -> Session | None:
         """Work for about so long; gives the session once it is there.
@@ -40,8 +41,8 @@ class Preparation:
             except StopIteration as end:
                 session: Session = end.value
                 return session
-            self.holds = pause is not Pause.FREE
-            if not self._is_whole and (pause is Pause.WAIT or time.monotonic() >= until):
+            self.holds, self.is_long = pause is not Pause.FREE, pause is Pause.LONG
+            if not self._is_whole and (pause in (Pause.WAIT, Pause.LONG) or time.monotonic() >= until):
                 break
             sent = None if self._is_whole else False
         self._seen = self._version()

@@ -10,6 +10,7 @@ import math
 import os
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -32,6 +33,7 @@ from ..read.export_receivers import LINKED
 from ..read.object_settings import registered
 from ..read.render_levels import evaluate_for_render
 from ..read.tags import local_objects
+from ..read.world_cache import MapCache
 from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
 from ..show.layout import Layout, mark_layout, read_layout
@@ -50,6 +52,7 @@ _SHOWN_TEXELS, _LEAST_TEXELS = 4, 1024
 # Seconds that showing, saving and reporting a bake take, and their part of those of the export: both go over all objects.
 _AFTER_S, _AFTER_OF_EXPORT = 0.2, 0.3
 _KNOBS_OF_CORE = ("max_depth",)  # which it sets itself, where nobody asks for reflected light
+READING_WORLD = "Reading the world's light"
 _LEAST_BYTES = 1024  # of a folder that has room
 
 
@@ -68,12 +71,18 @@ class Session:
     kept: KeptBake | None = None
 
 
-def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path) -> Session:
+def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path, tell: Callable[[Message], None] = lambda _: None) -> Session:
     """Export the scene and write the job, or what an earlier bake of the same gave.
 
+    tell   is given a message before what takes long
     Raises ValueError with a sentence when there is nothing to bake, OSError when the output folder cannot be written.
     """
-    return run_steps(prepare_steps(context.scene, context.view_layer, request, folder))
+
+    def watch(pause: Pause) -> None:
+        if pause is Pause.LONG:
+            tell(Status("world", READING_WORLD))
+
+    return run_steps(prepare_steps(context.scene, context.view_layer, request, folder), watch)
 
 
 def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, request: BakeRequest, folder: Path) -> Steps[Session]:
@@ -82,6 +91,8 @@ def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, reque
     drop_broken_marks()
     if request.resume:
         request = replace(request, settings=keep_layout(request.resume, request.settings))
+    atlas_name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
+    kept_maps = MapCache.beside(request.output, atlas_name, not request.settings.force)
     start = time.monotonic()
     began, limit = request.began or start, request.settings.time_limit
     shown = restore.is_preview_on(scene)
@@ -92,7 +103,7 @@ def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, reque
         image_file.load_ahead(library_paths())
         most = max(_SHOWN_TEXELS * request.settings.size, _LEAST_TEXELS)
         names, layer = list(request.objects) or None, request.uv_layer or None
-        reading = yield from export_scene.read_scene(scene, names, layer, view_layer, until, most)
+        reading = yield from export_scene.read_scene(scene, names, layer, view_layer, until, most, kept_maps)
         prints: Prints = {}
         with registered():
             for name, digest in walk_prints(scene, view_layer, {}):
@@ -102,14 +113,13 @@ def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, reque
         if shown:
             restore.toggle_preview(scene, True)
     marked = read_marked(scene)
-    name = request.name or Path(bpy.data.filepath).stem or (request.scene.stem if request.scene else "lightmap")
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
     output, taken = request.output.resolve(), _list_taken(scene, request)
     yield Pause.FREE
     export = yield from reading.arrange()
     after_s = _AFTER_S + _AFTER_OF_EXPORT * (time.monotonic() - start)
-    job = Job(request.settings, str(output), name, request.preview, resume, keep, request.keep_mb, blend, taken, began, after_s)
+    job = Job(request.settings, str(output), atlas_name, request.preview, resume, keep, request.keep_mb, blend, taken, began, after_s)
     kept = None if request.settings.force or resume else (yield from run_aside(partial(find_kept_bake, export.snapshot, job)))
     if kept and _lacks_state(job, kept):
         kept = None

@@ -30,7 +30,8 @@ from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
 from .strands import read_strands
 from .uv_layer import has_room, name_ours
-from .world_read import World, read_world
+from .world_cache import MapCache
+from .world_read import World, is_textured, read_world
 
 _OTHER_RAYS = {"glossy": "metal", "transmission": "glass"}  # kinds of rays, and what sends them on
 
@@ -97,11 +98,18 @@ def export_scene(
 
 
 def read_scene(
-    context_or_scene: Any, objects: Sequence[str] | None, uv_layer: str | None, view_layer: Any, until: float, most_texels: int
+    context_or_scene: Any,
+    objects: Sequence[str] | None,
+    uv_layer: str | None,
+    view_layer: Any,
+    until: float,
+    most_texels: int,
+    kept: MapCache | None = None,
 ) -> Steps[SceneReading]:
     """The first half of `export_scene`, in steps: all that has to be asked of Blender.
 
     From its first pause to its last, the scene is as it is rendered; closing the generator puts everything back.
+    kept   what earlier bakes have evaluated of the world
     """
     scene = getattr(context_or_scene, "scene", context_or_scene)
     view_layer = view_layer or find_view_layer(context_or_scene, scene)
@@ -114,8 +122,13 @@ def read_scene(
         yield from reading.read_images(view_layer)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
             yield from reading.read_pieces(view_layer, depsgraph)
-        yield Pause.HOLD
-        world = read_world(scene, warnings, view_layer)
+        yield Pause.LONG if is_textured(scene, view_layer) else Pause.HOLD
+        world = read_world(scene, warnings, view_layer, kept)
+        try:
+            if kept is not None:
+                kept.save()
+        except OSError as reason:
+            warnings.append(("", f"the world's light cannot be kept ({reason}), so the next bake evaluates it again"))
         yield Pause.HOLD
         reading.resolve_lights(world, ProfileTable(scene, view_layer))
     return reading

@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from ...core.lights.environment_suns import Spot
 from ...core.util.arrays import FloatArray
+from ...core.util.digest import hash_pieces
 from ...core.util.geometry import orthonormal_basis
 from ..nodes.node_ports import give_nodes
+from .world_cache import MapCache, print_light
 
 # Seen by diffuse surfaces, which all receivers are; a ray is as long as it likes.
 LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
@@ -37,14 +39,17 @@ _MOST_SAMPLES = 32
 
 
 class WorldBaker:
-    """A temporary scene with a copy of a world in it; see open_world."""
+    """A temporary scene with a copy of a world in it; see open_world.
 
-    def __init__(self, scene: Any, made: list[Any]) -> None:
-        self._scene, self._made = scene, made
+    light   print_light of the world, "" where what is baked is not to be kept
+    """
+
+    def __init__(self, scene: Any, made: list[Any], light: str = "", kept: MapCache | None = None) -> None:
+        self._scene, self._made, self._light, self._kept = scene, made, light, kept
 
     def bake_sphere(self, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
         """(height, width, 3), W/m^2/sr, for a size (width, height), laid out as core.sphere_map has it."""
-        return self._bake(*_make_ball(), size, samples)
+        return self._look(*_make_ball(), size, samples)
 
     def bake_lamp(self, data: Any, matrix: Any, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
         """(height, width, 3): `lighting` by a lamp in the middle of a ball of 1 m."""
@@ -60,12 +65,24 @@ class WorldBaker:
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
         corner = (2 * uv - 1) * reach
         place = direction + corner[:, :1] * tangent + corner[:, 1:] * bitangent
-        radiance = self._bake(place, uv, np.arange(4)[None], (_SPOT_CELLS, _SPOT_CELLS), _SPOT_SAMPLES).reshape(-1, 3)
+        radiance = self._look(place, uv, np.arange(4)[None], (_SPOT_CELLS, _SPOT_CELLS), _SPOT_SAMPLES).reshape(-1, 3)
         step = 2 * reach / _SPOT_CELLS
         y, x = (grid.ravel() for grid in (np.mgrid[0:_SPOT_CELLS, 0:_SPOT_CELLS] + 0.5) * step - reach)
         toward = direction + x[:, None] * tangent + y[:, None] * bitangent
         length = np.linalg.norm(toward, axis=1)
         return Spot(toward / length[:, None], step**2 / length**3, radiance.astype(np.float64), step)
+
+    def _look(self, place: FloatArray, uv: FloatArray, faces: FloatArray, size: tuple[int, int], samples: int) -> NDArray[np.float32]:
+        """(height, width, 3): the world, as an earlier bake has kept it or baked now."""
+        if self._kept is None or not self._light:
+            return self._bake(place, uv, faces, size, samples)
+        parts = (place.astype(np.float32), uv.astype(np.float32), faces.astype(np.int32), np.array([*size, samples]))
+        key = hash_pieces([self._light.encode(), *(part.tobytes() for part in parts)])
+        found = self._kept.find(key, (size[1], size[0], 3))
+        if found is None:
+            found = self._bake(place, uv, faces, size, samples)
+            self._kept.add(key, found)
+        return found
 
     def _bake(
         self, place: FloatArray, uv: FloatArray, faces: FloatArray, size: tuple[int, int], samples: int, what: Mapping[str, Any] = _WORLD
@@ -127,9 +144,13 @@ def _make_ball() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 @contextmanager
-def open_world(world: Any, scene: Any, view_layer: Any = None) -> Iterator[WorldBaker]:
-    """A baker of a world as a scene has it, or of a lamp where there is none; all that it made is gone when it ends."""
+def open_world(world: Any, scene: Any, view_layer: Any = None, kept: MapCache | None = None) -> Iterator[WorldBaker]:
+    """A baker of a world as a scene has it, or of a lamp where there is none; all that it made is gone when it ends.
+
+    kept   what earlier bakes have evaluated
+    """
     made: list[Any] = []
+    light = print_light(world, list(walk_nodes(world.node_tree, set()))) if world is not None and kept is not None else ""
     try:
         temporary = bpy.data.scenes.new("Leaflight world")
         made.append(temporary)
@@ -148,7 +169,7 @@ def open_world(world: Any, scene: Any, view_layer: Any = None) -> Iterator[World
             copy.cycles.sampling_method = "NONE"  # nothing is lit here, and Cycles' own map of where the light is takes a second
             _show_to_diffuse(copy.node_tree, made, {})
             temporary.world = copy
-        yield WorldBaker(temporary, made)
+        yield WorldBaker(temporary, made, light, kept)
     finally:
         bpy.data.batch_remove(made)
 

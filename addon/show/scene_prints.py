@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from ..nodes.mesh_arrays import read_corner_vertices, read_faces, read_positions
+from ..nodes.node_values import list_nodes, list_own_names, list_values, read_value
 from ..read import baked_copies
 from ..read.light_linking import list_linked
 from ..read.object_settings import IGNORE, read_choice
@@ -28,23 +29,7 @@ PRINTS = "leaflight_prints"  # on a scene that wears a bake: Baked, as JSON
 
 _UNSEEN = {"CAMERA", "SPEAKER", "LIGHT_PROBE", "ARMATURE", "LATTICE"}  # what they move is printed with what they move
 _LOOKS = ("visible_diffuse", "visible_shadow", "instance_type", "show_instancer_for_render")
-# Of nodes, modifiers and lights: what the editors show, and levels of the viewport.
-_NOT_READ = {
-    "rna_type",
-    "name",
-    "levels",
-    "show_on_cage",
-    "show_only_control_edges",
-    "use_nodes",
-    "preview_render_type",
-    "is_active_output",
-    "node_warnings",
-    "panels",
-    "bakes",
-    "point_cache",
-}
 _NAMED = 3  # of what has changed, in one line
-_NESTED = 7  # structs and lists in one another that are looked into: the location of a curve mapping's points is the deepest
 
 
 @dataclass(frozen=True)
@@ -114,7 +99,7 @@ def walk_prints(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, meshes:
     for name, material in materials.items():
         yield f"MATERIAL {name}", _digest(_read_material(material))
     if scene.world:
-        yield f"WORLD {scene.world.name_full}", _digest((_read_values(scene.world, _own_names(scene.world)), _read_tree(scene.world)))
+        yield f"WORLD {scene.world.name_full}", _digest((list_values(scene.world, list_own_names(scene.world)), _read_tree(scene.world)))
 
 
 def list_changes(before: Prints, now: Prints) -> list[str]:
@@ -151,16 +136,18 @@ def _read_place(obj: bpy.types.Object | None, depth: int = 0) -> list[Any]:
     """Where an object is, from what it was given: Blender does not evaluate one that is hidden behind a copy of ours."""
     if obj is None or depth > 100:
         return []
-    own = [_read(obj.matrix_basis, 0), _read(obj.delta_location, 0), _read(obj.delta_scale, 0)]
-    pose = [_read(bone.matrix_basis, 0) for bone in obj.pose.bones] if obj.pose else []
+    own = [read_value(obj.matrix_basis, 0), read_value(obj.delta_location, 0), read_value(obj.delta_scale, 0)]
+    pose = [read_value(bone.matrix_basis, 0) for bone in obj.pose.bones] if obj.pose else []
     rules = []
     for rule in obj.constraints:
-        names = _own_names(rule, bpy.types.Constraint)
+        names = list_own_names(rule, bpy.types.Constraint)
         rules.append(
-            (rule.type, rule.mute, rule.influence, _read_values(rule, names), _read_place(getattr(rule, "target", None), depth + 1))
+            (rule.type, rule.mute, rule.influence, list_values(rule, names), _read_place(getattr(rule, "target", None), depth + 1))
         )
     parent = (
-        [obj.parent_type, obj.parent_bone, _read(obj.matrix_parent_inverse, 0), _read_place(obj.parent, depth + 1)] if obj.parent else []
+        [obj.parent_type, obj.parent_bone, read_value(obj.matrix_parent_inverse, 0), _read_place(obj.parent, depth + 1)]
+        if obj.parent
+        else []
     )
     return [own, pose, rules, parent]
 
@@ -172,7 +159,7 @@ def _read_data(obj: bpy.types.Object, meshes: dict[int, str]) -> Any:
             meshes[mesh.session_uid] = _digest_mesh(mesh)
         return meshes[mesh.session_uid]
     if obj.type == "LIGHT":
-        return (_read_values(obj.data, _own_names(obj.data)), _read_tree(obj.data))
+        return (list_values(obj.data, list_own_names(obj.data)), _read_tree(obj.data))
     collection = obj.instance_collection.name_full if obj.instance_type == "COLLECTION" and obj.instance_collection else ""
     return (collection, [[f"{number:.5g}" for number in corner] for corner in obj.bound_box]) if obj.data else collection
 
@@ -198,24 +185,24 @@ def _digest_mesh(mesh: bpy.types.Mesh) -> str:
 
 
 def _read_modifier(modifier: bpy.types.Modifier) -> Any:
-    names = _own_names(modifier, bpy.types.Modifier)
+    names = list_own_names(modifier, bpy.types.Modifier)
     return (
-        _read_values(modifier, names),
+        list_values(modifier, names),
         _read_inputs(modifier, names) if modifier.type == "NODES" else [],
-        _read_nodes(modifier.node_group) if modifier.type == "NODES" and modifier.node_group else "",
+        list_nodes(modifier.node_group) if modifier.type == "NODES" and modifier.node_group else "",
     )
 
 
 def _read_inputs(modifier: Any, names: list[str]) -> Any:
     """What a Geometry Nodes modifier is given; Blender 5.3 has no custom properties for it any more."""
     if not hasattr(modifier, "properties"):
-        return [(key, _read(modifier[key], 0)) for key in sorted(set(modifier.keys()) - set(names))]
+        return [(key, read_value(modifier[key], 0)) for key in sorted(set(modifier.keys()) - set(names))]
     if modifier.properties is None:  # without a node group
         return []
     inputs = modifier.properties.inputs
     keys = [about.identifier for about in inputs.bl_rna.properties if about.identifier.startswith("Socket_")]
     asked = ("type", "value", "attribute_name")
-    return [(key, [_read(getattr(getattr(inputs, key), name, None), 0) for name in asked]) for key in keys]
+    return [(key, [read_value(getattr(getattr(inputs, key), name, None), 0) for name in asked]) for key in keys]
 
 
 def _read_material(material: bpy.types.Material) -> Any:
@@ -228,50 +215,4 @@ def _read_tree(block: Any) -> Any:
     if bpy.app.version < (5, 0, 0) and not getattr(block, "use_nodes", False):
         return None
     tree = getattr(block, "node_tree", None)
-    return _read_nodes(tree) if tree else None
-
-
-def _read_nodes(tree: bpy.types.NodeTree, depth: int = 0) -> Any:
-    nodes = []
-    for node in tree.nodes:
-        values = [
-            _read(one.default_value, 0) for one in (*node.inputs, *node.outputs) if hasattr(one, "default_value") and not one.is_linked
-        ]
-        group = getattr(node, "node_tree", None)
-        inner = _read_nodes(group, depth + 1) if group and depth < 20 else ""
-        nodes.append((node.name, node.bl_idname, node.mute, values, _read_values(node, _own_names(node, bpy.types.Node)), inner))
-    links = [(a.from_node.name, a.from_socket.identifier, a.to_node.name, a.to_socket.identifier, a.is_muted) for a in tree.links]
-    return (sorted(nodes, key=lambda row: row[0]), sorted(links))
-
-
-def _own_names(struct: Any, base: type | None = None) -> list[str]:
-    """Names of the properties of a struct that are its own and that a user sets."""
-    known = {about.identifier for about in (base or bpy.types.ID).bl_rna.properties} | _NOT_READ
-    own = [about for about in struct.bl_rna.properties if about.identifier not in known]
-    return [about.identifier for about in own if not about.is_readonly or about.type in ("POINTER", "COLLECTION")]
-
-
-def _read_values(struct: Any, names: Iterable[str], depth: int = 0) -> list[Any]:
-    return [(name, _read(getattr(struct, name, None), depth)) for name in names]
-
-
-def _read(value: Any, depth: int) -> Any:
-    """Something that is printed alike as long as it is alike."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    if isinstance(value, (set, frozenset)):
-        return sorted(value)
-    if isinstance(value, bpy.types.Image):
-        file = value.filepath.replace("\\", "/").rpartition("/")[2]  # Blender changes the folder when the .blend is saved elsewhere
-        return (value.name_full, file, value.source, value.colorspace_settings.name, value.is_dirty)
-    if isinstance(value, bpy.types.ID):
-        return value.name_full
-    if isinstance(value, bpy.types.bpy_struct):
-        if depth >= _NESTED or isinstance(value, (bpy.types.Node, bpy.types.NodeSocket)):
-            return ""
-        return _read_values(value, [about.identifier for about in value.bl_rna.properties if about.identifier not in _NOT_READ], depth + 1)
-    if depth < _NESTED and hasattr(value, "__len__") and hasattr(value, "__getitem__"):
-        return [_read(one, depth + 1) for one in value] if len(value) < 1000 else len(value)
-    return ""
+    return list_nodes(tree) if tree else None

@@ -18,7 +18,7 @@ from ...core.util.steps import Steps
 from ...core.util.user_text import group_warnings
 from ..app import live, session
 from ..app.arguments import BakeRequest
-from ..app.bake_state import BakeState
+from ..app.bake_state import READING_SCENE, BakeState
 from ..app.job import BakeProcess
 from ..app.preparation import Preparation
 from ..app.request import find_mode_error, find_output_error, make_request
@@ -183,6 +183,7 @@ class Baking:
             self._fail(context, str(reason))
             return {"CANCELLED"}
         if prepared is None:
+            state.stage = session.READING_WORLD if self._preparation.is_long else READING_SCENE
             return None
         self._preparation = None
         self._session, self._live = prepared, live.LiveView(prepared)

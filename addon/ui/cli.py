@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,7 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
     start = time.perf_counter()
-    work = session.prepare(bpy.context, request, process.folder)
+    work = session.prepare(bpy.context, request, process.folder, partial(print_message, quiet=request.quiet))
     seconds["export"] = time.perf_counter() - start
     _print_warnings([*warnings, *work.export.warnings], request.quiet)
     with _interrupts(_stop_here if work.kept else process.cancel):  # until the end: what was baked is saved

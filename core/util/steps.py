@@ -17,23 +17,25 @@ class Pause(Enum):
 
     HOLD   the scene must not change
     WAIT   the same, and there is nothing to do yet: others are at work
+    LONG   the same, and the next step may take seconds: the world is read
     FREE   anything: the rest needs nothing of Blender
     """
 
     HOLD = 0
     WAIT = 1
-    FREE = 2
+    LONG = 2
+    FREE = 3
 
 
 # A step is sent True where there was a pause before it, False where not, None by those who never pause.
 Steps = Generator[Pause, bool | None, T]
 
 
-def run_steps(steps: Generator[Any, Any, T]) -> T:
-    """The result of work whose steps are all taken at once."""
+def run_steps(steps: Generator[Any, Any, T], watch: Callable[[Any], None] = lambda _: None) -> T:
+    """The result of work whose steps are all taken at once; `watch` is given each pause."""
     while True:
         try:
-            next(steps)
+            watch(next(steps))
         except StopIteration as end:
             result: T = end.value
             return result

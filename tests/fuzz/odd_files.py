@@ -135,7 +135,7 @@ def damage_file(rng: Random, path: Path, victim: Path) -> str:
         ways += 3 * [("json", lambda: path.write_text(damage_json(rng, path.read_text())))]
     elif path.name == "packed.bin":
         ways += 3 * [("packed", lambda: damage_packed(rng, path))]
-    elif path.suffix in (".npz", ".charts"):
+    elif path.suffix in (".npz", ".charts", ".world"):
         ways += 3 * [("arrays", lambda: damage_npz(rng, path))]
     name, damage = rng.choice(ways)
     damage()
