@@ -5,15 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
-from ...core.scene.textures import sample_texture
-from ...core.util.arrays import FloatArray
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .color_nodes import read_function
 from .derived_images import AT_CORNERS, Formula, derive, derive_painted, lie_alike
@@ -23,9 +19,8 @@ from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightnes
 from .node_formulas import lerp, to_grey
 from .node_ports import Port, describe
 from .object_attributes import NOTHING, find_shown, pick_output, shows_object, shows_view_layer
-from .polygon_atlas import PolygonAtlas
 from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object
-from .tangent_normals import lay_tangent_normals
+from .tangent_normals import thin_out
 from .texture_mapping import UV, UvMapping, read_mapping
 
 FACING: Rgb = (0.5, 0.5, 1.0)  # of a normal map that changes nothing
@@ -42,7 +37,8 @@ class ColorReader:
     faces      that wear the material; None of a light or world
     colors     where their colour attributes go
     baker      evaluates what is not known here; of the material
-    normal     unit vectors in the world in place of colours, None where the surface is shaded as it is
+    normal     unit vectors in the world in place of colours, None where the surface is shaded as it is; or a normal map of
+    normal_strength   along tangents of the UV layer tangent_layer
     replaced   what could not be taken as it is, for one warning; with it
     mended     what was no number, in order
     by_faces   whether what was read depends on the faces, or
@@ -68,6 +64,7 @@ class ColorReader:
         self.replaced: list[str] = []
         self.mended: dict[str, None] = {}
         self.normal: Color | None = None
+        self.tangent_layer, self.normal_strength = "", None
         self.missing_rgb = GREY  # what stands for a missing image; Blender's magenta would tint the room
 
     def note(self, text: str) -> None:
@@ -112,11 +109,15 @@ class ColorReader:
         color = self._read_normal_map(port)
         if color is not None and color.image < 0 and color.rgb == FACING:
             return True
-        read = None if color is None else partial(self._lay_normals, port, color)
-        found = self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True, read=read)
+        strength, is_map = port.sibling("Strength"), color is not None and color.image >= 0 and color.rgb == WHITE
+        found = color if is_map else self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True)
         if found is None:
             return False
         self.by_faces = self.by_object = True
+        if self.normal is None and is_map:
+            self.normal = replace(found, image=thin_out(self.images, found.image))
+            self.tangent_layer = port.node.uv_map or self.faces.local.render_layer
+            self.normal_strength = 1.0 if strength is None else max(float(strength.socket.default_value), 0.0)
         self.normal = self.normal or found
         return True
 
@@ -137,33 +138,6 @@ class ColorReader:
             return None
         lies = color.image < 0 or (color.mapping.space == UV and not color.mapping.box)
         return color if lies and (color.image < 0 or (color.mapping.layer or local.render_layer) in local.layers) else None
-
-    def _lay_normals(
-        self, port: Port, color: Color, matrix: NDArray[np.float64], atlas: PolygonAtlas
-    ) -> tuple[NDArray[np.float32], bool] | None:
-        assert self.faces is not None
-        local, strength = self.faces.local, port.sibling("Strength")
-        uv = local.layers[port.node.uv_map or local.render_layer]
-        image = self.images.images[color.image] if color.image >= 0 else None
-
-        def colors_at(place: FloatArray) -> FloatArray:
-            return np.float32(color.rgb) * (np.ones((len(place), 1), np.float32) if image is None else sample_texture(image, place))
-
-        mapping = color.mapping
-        lies = mapping.apply(local.layers[mapping.layer or local.render_layer]) if image and isinstance(mapping, UvMapping) else uv
-        amount = 1.0 if strength is None else max(float(strength.socket.default_value), 0.0)
-        laid = lay_tangent_normals(
-            local,
-            uv,
-            self.faces.tri.nonzero()[0],
-            atlas,
-            matrix,
-            colors_at,
-            lies,
-            0 if image is None else max(image.pixels.shape[:2]),
-            amount,
-        )
-        return laid and (laid[0], laid[1] or (image is not None and image.closest))
 
     def _read_color(self, port: Port | None, default: Rgb) -> Color:
         if port is None:

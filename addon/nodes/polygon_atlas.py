@@ -57,14 +57,6 @@ def lay_polygons(local: LocalMesh, linear: FloatArray, texels_per_m: float, most
     return PolygonAtlas(texel / (width, height), width, height)
 
 
-def find_rectangles(local: LocalMesh, atlas: PolygonAtlas) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The low corner and size (n_polygon, 2) of each polygon's texels, those around it among them."""
-    place = atlas.uv * (atlas.width, atlas.height)
-    low, high = (find.reduceat(place, local.polygon_start) for find in (np.minimum, np.maximum))
-    first = np.floor(low - _BORDER + 1e-6).astype(np.int64)
-    return first, np.minimum(np.ceil(high + _BORDER - 1e-6).astype(np.int64), (atlas.width, atlas.height)) - first
-
-
 def _flatten(position: NDArray[np.float64], local: LocalMesh) -> NDArray[np.float64]:
     """(n_corner, 2): corners in the plane of their polygon, the first side along x."""
     start = local.polygon_start

@@ -6,10 +6,10 @@ Nothing of the user's is touched: object, mesh, material and node groups are cop
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import bpy
 import numpy as np
@@ -34,10 +34,6 @@ _UNFIT = ("LIGHT_PATH", "FRESNEL", "LAYER_WEIGHT", "CAMERA", "PARTICLE_INFO", "H
 _BY_OBJECT = ("OBJECT_INFO", "NEW_GEOMETRY")
 
 
-# Of an object's matrix: pixels as of bake_socket, and whether no mean is to be taken between texels.
-ReadOnAtlas: TypeAlias = Callable[[NDArray[np.float64], PolygonAtlas], tuple[NDArray[np.float32], bool] | None]
-
-
 @dataclass
 class SocketBaker:
     """Evaluates sockets for one export; every mesh has one atlas, so that what is evaluated on it lies alike."""
@@ -53,20 +49,17 @@ class SocketBaker:
         assert atlas is not None
         return atlas.uv
 
-    def bake(
-        self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool = False, read: ReadOnAtlas | None = None
-    ) -> Color | None:
+    def bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool = False) -> Color | None:
         """The colour that an output gives on the faces' mesh; None where Blender cannot tell.
 
         by_object   whether it differs between objects of one mesh
         is_normal   whether it is a direction, of which a lightmap shows less detail
-        read        gives the pixels without Blender, if it can; and whether no mean is to be taken between texels
         """
         if self._spent_s > _SECONDS:
             return None
         begin = time.process_time()
         try:
-            return self._bake(port, material, faces, by_object, is_normal, read)
+            return self._bake(port, material, faces, by_object, is_normal)
         finally:
             self._spent_s += time.process_time() - begin
 
@@ -74,7 +67,7 @@ class SocketBaker:
     def is_out_of_time(self) -> bool:
         return self._spent_s > _SECONDS
 
-    def _bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool, read: ReadOnAtlas | None) -> Color | None:
+    def _bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool) -> Color | None:
         matrix = np.eye(4) if faces.matrix is None else np.asarray(faces.matrix)
         key = (id(faces.local), is_normal, *((faces.source.session_uid, faces.shown.original.session_uid) if by_object else ()))
         if key not in self._atlases:
@@ -82,7 +75,7 @@ class SocketBaker:
         atlas = self._atlases[key]
         asked = (material.session_uid, port.socket.identifier, port.node.as_pointer(), *(group.as_pointer() for group in port.groups), key)
         if asked not in self._known:
-            self._known[asked] = None if atlas is None else self._evaluate(port, material, faces, matrix, atlas, key, read)
+            self._known[asked] = None if atlas is None else self._evaluate(port, material, faces, matrix, atlas, key)
         return self._known[asked]
 
     def _evaluate(
@@ -93,13 +86,11 @@ class SocketBaker:
         matrix: NDArray[np.float64],
         atlas: PolygonAtlas,
         key: tuple[int, ...],
-        read: ReadOnAtlas | None,
     ) -> Color | None:
-        found, closest = (read(matrix, atlas) if read else None) or (None, False)
-        pixels = bake_socket(port, material, faces, matrix, atlas) if found is None else found
+        pixels = bake_socket(port, material, faces, matrix, atlas)
         if pixels is None:
             return None
-        index = self.images.add(TextureImage(port.node.label or port.node.name, pixels, "EXTEND", closest))
+        index = self.images.add(TextureImage(port.node.label or port.node.name, pixels, "EXTEND"))
         return Color(WHITE, index, BakedLayer(key), to_rgb(_find_mean(pixels, atlas)))
 
 

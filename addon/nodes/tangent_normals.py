@@ -1,81 +1,52 @@
-"""World normals of a Normal Map node in tangent space, laid out as in a polygon atlas: what Cycles would bake, without Cycles."""
+"""What normal maps in tangent space are relative to: tangents, bitangents and normals of a mesh, as Cycles has them."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.scene.scene import TextureImage
 from ...core.util.arrays import FloatArray, IntArray
-from .mesh_arrays import LocalMesh
-from .polygon_atlas import PolygonAtlas, find_rectangles
+from .images_read import ImageTable
+from .mesh_arrays import LocalMesh, WorldMesh
 
-ColorsAt: TypeAlias = Callable[[FloatArray], FloatArray]  # (n, 2) texture coordinates -> (n, 3) colours of the normal map
-_MOST_LOOKS = 1 << 24  # texels times triangles of their polygon; Blender evaluates what would take longer
-_TEXELS_AT_ONCE = 1 << 17
+_MOST_NORMALS = 2048  # texels on a side of a normal map
 
 
-def lay_tangent_normals(
-    local: LocalMesh,
-    uv: FloatArray,
-    tri: IntArray,
-    atlas: PolygonAtlas,
-    matrix: FloatArray,
-    colors_at: ColorsAt,
-    color_uv: FloatArray,
-    color_size: int,
-    strength: float,
-) -> tuple[NDArray[np.float32], bool] | None:
-    """(height, width, 3) float32: unit normals in the world at polygons and around them, 0 elsewhere, each that at one place of a texel;
-    and whether the normal map is finer than that, so that between texels no mean is to be taken. None where it would take long.
+def thin_out(images: ImageTable, index: int) -> int:
+    """A normal map of the table without what is finer than any page shows; where it is.
 
-    A mean of normals is less tilted than they are, so that light at it is too bright on average; light at single ones is not. Of a finer
-    map they are those at random places: middles could all miss what is regular in it, such as joints between tiles.
-
-    uv         (n_corner, 2) float: the layer along which tangents lie
-    tri        (k,) int, the triangles wanted
-    matrix     (4, 4) float, object to world
-    color_uv   (n_corner, 2) float: where the normal map lies, of color_size texels on its longest side
-    Source: Blender, intern/cycles/kernel/svm/tex_coord.h, svm_node_normal_map.
+    Of a block of texels one is taken at random: their mean would be less tilted than they are, and a regular choice could miss what is
+    regular, such as joints between tiles.
     """
-    polygons = np.unique(local.tri_polygon[tri])
-    low, size = find_rectangles(local, atlas)
-    first = np.searchsorted(local.tri_polygon, np.arange(local.n_polygon))
-    count = np.diff(np.append(first, len(local.tri_polygon)))
-    texels = size.prod(axis=1)
-    if int((texels * count)[polygons].sum()) > _MOST_LOOKS:
-        return None
-    within = atlas.uv * (atlas.width, atlas.height) - np.repeat(low, np.diff(np.append(local.polygon_start, local.n_corner)), axis=0)
-    weigh = _find_weights(within[local.tri_corner])  # of texels from their polygon's first on: small numbers are exact in float32
-    lies = np.asarray(color_uv, np.float64)[local.tri_corner]
-    along_uv = np.einsum("ijt,tik->kjt", weigh[:, :2], lies)
-    is_finer = bool(np.abs(along_uv).sum(axis=1).max() * color_size > 1.0)
-    smooth, tangent, sign = find_tangents(local, uv)
-    normals, tangents, places = (np.float32(np.moveaxis(one, 0, -1)) for one in (smooth, tangent, lies))
-    weigh, sign = np.float32(weigh), np.float32(sign)
+    image = images.images[index]
+    height, width = image.pixels.shape[:2]
+    block = -(-max(height, width) // _MOST_NORMALS)
+    if block < 2:
+        return index
+    known = images.find_derived(("thinned out", index))
+    if known is not None:
+        return known
+    rng = np.random.default_rng(1)
+    row, column = np.mgrid[0:height:block, 0:width:block] + rng.integers(0, block, (2, -(-height // block), -(-width // block)))
+    pixels = image.pixels[np.minimum(row, height - 1), np.minimum(column, width - 1)]
+    return images.add_derived(("thinned out", index), TextureImage(image.name, pixels, image.extension, closest=True))
+
+
+def lay_tangents(local: LocalMesh, uv: FloatArray, world: WorldMesh, matrix: FloatArray) -> NDArray[np.float32]:
+    """(n_tri, 3, 3, 3) float32: the tangent, bitangent and normal at each corner of the world's triangles, as of a SceneSnapshot.
+
+    uv       (n_corner, 2) float: the layer along which tangents lie
+    matrix   (4, 4) float, object to world
+    """
+    normal, tangent, sign = find_tangents(local, uv)
+    frame = np.stack([tangent, np.cross(normal, tangent) * sign[:, None, None], normal], axis=2)
     solid = np.asarray(matrix, np.float64)[:3, :3]
-    turn = np.float32(np.linalg.inv(solid) if np.linalg.det(solid) else np.eye(3))
-    pixels = np.zeros((atlas.height, atlas.width, 3), np.float32)
-    ends, rng = np.cumsum(texels[polygons]), np.random.default_rng(1)
-    for group in np.split(polygons, np.unique(np.searchsorted(ends, np.arange(_TEXELS_AT_ONCE, ends[-1], _TEXELS_AT_ONCE)))):
-        polygon = np.repeat(group, texels[group])
-        number = np.arange(len(polygon)) - np.repeat(np.cumsum(texels[group]) - texels[group], texels[group])
-        row, column = np.divmod(number, size[:, 0].take(polygon))
-        beyond = rng.random((2, len(polygon)), np.float32) if is_finer else np.full((2, 1), np.float32(0.5))
-        x, y = np.float32(column) + beyond[0], np.float32(row) + beyond[1]
-        which, weight = _find_triangles(weigh, x, y, first.take(polygon), count.take(polygon))
-        x, y, z = colors_at(_blend(places, which, weight).T).T * np.float32(2.0) - 1.0
-        if strength != 1.0:
-            x, y, z = x * strength, y * strength, 1.0 + (z - 1.0) * min(strength, 1.0)
-        weight = np.maximum(weight, 0.0)
-        normal, along = _blend(normals, which, weight), _blend(tangents, which, weight)
-        aside = _cross(normal, along) * sign.take(which)
-        mapped = turn.T @ (x * along + y * aside + z * normal)
-        mapped /= np.maximum(np.sqrt((mapped * mapped).sum(axis=0)), 1e-30)
-        pixels[low[:, 1].take(polygon) + row, low[:, 0].take(polygon) + column] = mapped.T
-    return pixels, is_finer
+    turn = np.linalg.inv(solid) if np.linalg.det(solid) else np.eye(3)  # normals are turned by the transpose
+    frame = frame @ (turn / max(float(np.abs(turn).max()), 1e-300))
+    own = np.flatnonzero(np.isin(local.tri_polygon, world.tri_polygon))  # whole polygons are left out there
+    place = (local.tri_corner[own][:, None] == world.tri_corner[:, :, None]).argmax(axis=2)  # it may have turned their corners
+    return np.nan_to_num(frame[own[:, None], place]).astype(np.float32)
 
 
 def find_tangents(local: LocalMesh, uv: FloatArray) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -130,46 +101,6 @@ def _join_fans(alike: IntArray) -> NDArray[np.int64]:
         if np.array_equal(joined, first):
             return first
         first = joined
-
-
-def _find_weights(corner: FloatArray) -> NDArray[np.float64]:
-    """(3, 3, n): rows that times (x, y, 1) are the barycentric weights in triangles (n, 3, 2), the first corner's alone without area."""
-    one, two = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
-    scale = np.where(area == 0.0, 0.0, 1.0 / np.where(area == 0.0, 1.0, area))
-    b, c = np.stack([two[:, 1], -two[:, 0]]) * scale, np.stack([-one[:, 1], one[:, 0]]) * scale
-    rows = [np.stack([x, y, -x * corner[:, 0, 0] - y * corner[:, 0, 1]]) for x, y in (b, c)]
-    return np.stack([np.array([[0.0], [0.0], [1.0]]) - rows[0] - rows[1], *rows])
-
-
-def _find_triangles(
-    weigh: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32], first: IntArray, count: IntArray
-) -> tuple[IntArray, NDArray[np.float32]]:
-    """Of each place (n,) the triangle of its polygon that it is in, or next to, and the weights (3, n) of that one's corners."""
-    which, weight = first, _weigh_corners(weigh, first, x, y)
-    if int(count.max()) > 1:
-        which, least = first.copy(), weight.min(axis=0)
-        for number in range(1, int(count.max())):
-            rows = ((count > number) & (least < 0.0)).nonzero()[0]
-            found = _weigh_corners(weigh, first[rows] + number, x[rows], y[rows])
-            better = found.min(axis=0) > least[rows]
-            rows, found = rows[better], found[:, better]
-            which[rows], weight[:, rows], least[rows] = first[rows] + number, found, found.min(axis=0)
-    return which, weight
-
-
-def _weigh_corners(weigh: NDArray[np.float32], tri: IntArray, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
-    of_x, of_y, of_one = (weigh[:, axis].take(tri, axis=1) for axis in range(3))
-    return of_x * x + of_y * y + of_one
-
-
-def _blend(values: NDArray[np.float32], tri: IntArray, weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(k, n): values (3, k, n_tri) at the corners of triangles, weighed (3, n)."""
-    return sum((values[corner].take(tri, axis=1) * weight[corner] for corner in range(1, 3)), values[0].take(tri, axis=1) * weight[0])
-
-
-def _cross(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _remove(vector: FloatArray, normal: FloatArray) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from ...core.util.steps import Pause, Steps
 from ..nodes.color_attributes import ColorLayer, Faces
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh
 from ..nodes.polygon_atlas import BakedLayer
+from ..nodes.tangent_normals import lay_tangents
 from ..nodes.texture_mapping import GENERATED, OBJECT, UV, WORLD, UvMapping
 from .export_mesh import PlacedMesh
 from .export_pieces import CURVE, OWN, STRANDS, Piece
@@ -31,6 +32,7 @@ class PieceArrays:
     tri_uv: NDArray[np.float64]
     texture_uv: dict[str, NDArray[np.float32]]  # (n_tri, 3, 2) each, by the names of TEXTURE_UVS
     is_clear: bool
+    tri_tangents: NDArray[np.float32] | None = None  # None where no material has a normal map in tangent space
 
     @property
     def n_tri(self) -> int:
@@ -76,7 +78,7 @@ def arrange_piece(worn: WornPiece, materials: MaterialTable, uv_layer: str | Non
     n_tri = len(world.tri_slot)
     tri_material = worn.slot_material[np.clip(world.tri_slot, 0, len(worn.slot_material) - 1)]
     texture_uv = {name: np.zeros((n_tri, 3, 2), np.float32) for name in TEXTURE_UVS}
-    clear = []
+    clear, tangents, laid = [], None, {}
     for index in _list_used(tri_material):
         reading = materials.readings[index]
         clear.append(reading.is_clear)
@@ -87,8 +89,15 @@ def arrange_piece(worn: WornPiece, materials: MaterialTable, uv_layer: str | Non
                 corner = world.tri_corner[here]
             texture_uv[name][here] = _texture_uv(worn, corner, mapping, materials, warnings)
             yield Pause.FREE
+        if reading.material.normal_strength is not None:
+            layer = reading.tangent_layer
+            if layer not in laid:
+                laid[layer] = lay_tangents(local, local.layers[layer], world, worn.placed.matrix)
+            tangents = np.zeros_like(laid[layer]) if tangents is None else tangents
+            tangents[here] = laid[layer][here]
+            yield Pause.FREE
     tri_uv = np.zeros((n_tri, 3, 2)) if uv_layer is None else np.nan_to_num(local.layers[uv_layer][world.tri_corner])
-    return PieceArrays(world, tri_material, tri_uv, texture_uv, bool(clear) and all(clear))
+    return PieceArrays(world, tri_material, tri_uv, texture_uv, bool(clear) and all(clear), tangents)
 
 
 def _list_used(tri_material: NDArray[np.int32]) -> list[int]:
@@ -127,6 +136,12 @@ def join_arrays(pieces: Sequence[PieceArrays]) -> Steps[dict[str, NDArray[Any]]]
         yield Pause.FREE
     for name in TEXTURE_UVS:
         joined[name] = np.concatenate([piece.texture_uv[name] for piece in pieces])
+        yield Pause.FREE
+    if any(piece.tri_tangents is not None for piece in pieces):
+        none = np.zeros((1, 3, 3, 3), np.float32)
+        shapes = [(piece.n_tri, 3, 3, 3) for piece in pieces]
+        of_pieces = [none if piece.tri_tangents is None else piece.tri_tangents for piece in pieces]
+        joined["tri_tangents"] = np.concatenate([np.broadcast_to(one, shape) for one, shape in zip(of_pieces, shapes, strict=True)])
         yield Pause.FREE
     return joined
 

@@ -23,7 +23,7 @@ _IMAGES = tuple(image for images in TEXTURE_UVS.values() for image in images)
 
 @dataclass(frozen=True)
 class MaterialReading:
-    """A material of the snapshot, and the mappings of its images."""
+    """A material of the snapshot, the mappings of its images, and the UV layer along whose tangents its normal map is."""
 
     material: Material
     albedo_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
@@ -34,6 +34,7 @@ class MaterialReading:
     glass_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     through_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
     lobe_mapping: UvMapping | ColorLayer | BakedLayer = UNMAPPED
+    tangent_layer: str = ""
 
     @property
     def is_clear(self) -> bool:
@@ -105,6 +106,7 @@ class MaterialTable:
                 shadow_passing_rgb=None if shadow is None else _clip_negative(shadow.rgb),
                 shadow_passing_image=-1 if shadow is None else shadow.image,
                 normal_image=-1 if reader.normal is None else reader.normal.image,
+                normal_strength=reader.normal_strength,
                 metal_rgb=_clip_negative(surface.metal.rgb),
                 metal_image=surface.metal.image,
                 metal=surface.gloss.metal,
@@ -140,6 +142,7 @@ class MaterialTable:
             surface.glass.mapping,
             surface.through.mapping,
             UNMAPPED if surface.lobes is None else surface.lobes.mapping,
+            reader.tangent_layer,
         )
 
 

@@ -183,7 +183,8 @@ def direct_irradiance(
             alone = crossed[rows]
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             calm = whole if smoothed else Tiles.none()
-            demand = Demand(tolerance, max_rays, whole.on_one_triangle(chunk.tri), calm.texels(), alone, dark)
+            smooth = whole.without(chunk.have_bumps(np.arange(len(chunk))))
+            demand = Demand(tolerance, max_rays, smooth.on_one_triangle(chunk.tri), calm.texels(), alone, dark)
             looking = _LookingChunk(scene, chunk, demand, beside[rows], rng)
             value, error = looking.find_light()
             into = as_slice(rows)
@@ -221,7 +222,10 @@ class _LookingChunk:
         for source in self._scene.sources:
             self._look_first(source)
         for tally in self._tallies:
-            self._send(tally, np.flatnonzero(tally.leads), STAGES[0], GAUSS_POINTS)
+            leads = np.flatnonzero(tally.leads)
+            bumped = self._chunk.have_bumps(tally.rows[leads])
+            self._send(tally, leads[~bumped], STAGES[0], GAUSS_POINTS)
+            self._send(tally, leads[bumped], STAGES[0])  # a grid of points could meet what is regular in a normal map
         rest = self._tell_lamps_apart()
         light = self._shared.copy()
         for tally in self._tallies:

@@ -54,6 +54,7 @@ class Tally:
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
+        self._bumped = np.zeros(len(rows), bool)  # has a normal map
         # Caches: closed forms, None after a change, and squared errors, to be recomputed for stale pairs.
         self._closed_form: Float64 | None = None
         self._error2, self._stale = np.zeros(len(rows)), np.ones(len(rows), bool)
@@ -89,8 +90,12 @@ class Tally:
         self._rays[index] += last - first
         self._stale[index] = True
         live = None
-        asked = np.flatnonzero(~self._known[index])
-        if stage != STAGES[2] and len(asked):  # by then the closed form is known at 16 points
+        if receivers.bumped is not None:
+            self._bumped[index] = receivers.bumped[: len(index)]
+        # After two stages the closed form is known at 16 points, which are enough unless each has a normal of its own.
+        is_open = self._bumped[index] if stage == STAGES[2] else True
+        asked = np.flatnonzero(~self._known[index] & is_open)
+        if len(asked):
             own, own_lamp, at = receivers, lamp, index
             if len(asked) < len(index):
                 places = (np.arange(last - first)[:, None] * len(index) + asked).ravel()
@@ -292,8 +297,10 @@ class Tally:
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
         starts, closed, peak = np.maximum(self._starts[rows], 1), self._closed()[rows], self._peak[rows]
-        spread = np.maximum(self._reach_squares[rows] / starts - closed**2, 0) / starts**2
-        spread = np.where(starts > len(GAUSS_POINTS), spread, self._bend[rows] ** 2)
+        # Light that is smooth over a texel has a gain of stratification; normals of a map have none.
+        gained = np.where(self._bumped[rows], np.maximum(starts - 1, 1), starts**2)
+        spread = np.maximum(self._reach_squares[rows] / starts - closed**2, 0) / gained
+        spread = np.where(self._bumped[rows] | (starts > len(GAUSS_POINTS)), spread, self._bend[rows] ** 2)
         spread = np.where(peak, self._peak_variance[rows], spread) * ratio**2
         # With few lit rays, or few dark ones, hardly two share a stratum, and stratification gains little.
         rarer = 2 * self._rays[source] * np.minimum(ratio, np.maximum(1 - ratio, 0))

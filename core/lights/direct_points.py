@@ -285,6 +285,10 @@ class TexelChunk:
         """(n,) int32: the triangle that each texel's representative point is on."""
         return self._looks.tri[: len(self)]
 
+    def have_bumps(self, rows: IntArray) -> NDArray[np.bool_]:
+        """(m,) bool: which of some of the texels (m,) have a normal map."""
+        return self._frames.bumps.bumped[rows] if self._frames.bumps else np.zeros(len(rows), bool)
+
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
         return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows)))
@@ -304,7 +308,7 @@ class TexelChunk:
             normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
         sides = np.broadcast_to(side, shape).reshape(3, -1).T
         normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
-        bumped = np.tile(self._frames.bumps.bumped[rows], len(points)) if self._frames.bumps else None
+        bumped = np.tile(self.have_bumps(rows), len(points)) if self._frames.bumps else None
         return Receivers(position.reshape(3, -1).T, normals, sides, bumped)
 
 

@@ -21,17 +21,31 @@ class NormalMaps:
 
     tri_image   (n_tri,) int32, -1 none
     tri_uv      (3, 2, n_tri) float32   of triangle_frames
+    tri_row     (n_tri,) int32          rows of those in tangent space, -1 none; or
+    strength    (n,) float32            of each, and
+    tangents    (3, 9, n) float32       of triangle_frames: tangent, bitangent and normal
     """
 
     tri_image: NDArray[np.int32]
     tri_uv: Float32
     textures: Textures
+    tri_row: NDArray[np.int32]
+    strength: Float32
+    tangents: Float32
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot) -> NormalMaps | None:
         """None where no triangle has one."""
         image = np.array([material.normal_image for material in snapshot.materials], np.int32)[snapshot.tri_material]
-        return cls(image, triangle_frames(snapshot.tri_normal_uv), Textures(snapshot.images)) if (image >= 0).any() else None
+        if not (image >= 0).any():
+            return None
+        strength = np.array([np.nan if one.normal_strength is None else one.normal_strength for one in snapshot.materials], np.float32)
+        strength = strength[snapshot.tri_material]
+        own = np.flatnonzero(np.isfinite(strength) & (image >= 0))
+        row = np.full(len(image), -1, np.int32)
+        row[own] = np.arange(len(own))
+        tangents = triangle_frames(snapshot.tri_tangents[own].reshape(-1, 3, 9) if len(own) else np.zeros((0, 3, 9), np.float32))
+        return cls(image, triangle_frames(snapshot.tri_normal_uv), Textures(snapshot.images), row, strength[own], tangents)
 
     def has(self, tri: IntArray) -> NDArray[np.bool_]:
         """(n,) bool: which triangles (n,) have an image."""
@@ -46,14 +60,38 @@ class NormalMaps:
         """
         rows = self.has(tri).nonzero()[0]
         own = gather(tri, rows)
-        uv = locate_hits(self.tri_uv, own, gather(u, rows), gather(v, rows))
+        u, v = gather(u, rows), gather(v, rows)
+        uv = locate_hits(self.tri_uv, own, u, v)
         normal = self.textures.at(gather(self.tri_image, own), uv.T).T.astype(np.float32)
+        row = gather(self.tri_row, own)
+        mapped = (row >= 0).nonzero()[0]
+        if len(mapped) == len(row):
+            normal = self._turn(normal, row, u, v)
+        elif len(mapped):
+            normal[:, mapped] = self._turn(normal[:, mapped], row[mapped], u[mapped], v[mapped])
         length = np.sqrt((normal * normal).sum(axis=0))
         is_known = length > _SHORTEST_NORMAL
         rows, normal, length = rows[is_known], normal[:, is_known], length[is_known]
         # A surface that is seen from its back, or was turned, has the same bumps the other way round.
         ahead = (normal * gather(side, rows)).sum(axis=0)
         return rows, normal * (np.where(ahead < 0, -1.0, 1.0).astype(np.float32) / length)
+
+    def _turn(self, rgb: Float32, row: IntArray, u: FloatArray, v: FloatArray) -> Float32:
+        """(3, n) float32, unit or 0: colours (3, n) of normal maps as normals in the world, at weights u, v (n,) of corners 1 and 2.
+
+        Source: Blender, intern/cycles/kernel/svm/tex_coord.h, svm_node_normal_map.
+        """
+        tangent, bitangent, normal = locate_hits(self.tangents, row, u, v).reshape(3, 3, -1)
+        strength = gather(self.strength, row)
+        x, y, z = 2 * rgb - 1
+        tangent *= x * strength
+        bitangent *= y * strength
+        normal *= 1 + (z - 1) * np.minimum(strength, 1)
+        tangent += bitangent
+        tangent += normal
+        tangent /= np.maximum(np.sqrt((tangent * tangent).sum(axis=0)), np.float32(1e-30))
+        turned: Float32 = tangent.astype(np.float32, copy=False)
+        return turned
 
     def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[NDArray[np.int64], Float32]:
         """Which of n particles meet a normal of a map, (m,) int64, and what their light is worth there, (m,) float32.

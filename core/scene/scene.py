@@ -58,7 +58,8 @@ class Material:
     passing_image: int = -1
     shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays, where it is another than passing_rgb
     shadow_passing_image: int = -1  # with shadow_passing_rgb
-    normal_image: int = -1  # unit shading normals in the world, in place of those at the corners
+    normal_image: int = -1  # unit shading normals in the world, in place of those at the corners; or
+    normal_strength: float | None = None  # of a normal map in tangent space, from 0 to 1 as its file has it, along tri_tangents
     metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that is a metal's, and reflected as in a mirror
     metal_image: int = -1
     metal: float = 1.0  # share of the surface that is metal, on average
@@ -163,6 +164,8 @@ class SceneSnapshot:
     tri_glass_uv      (n_tri, 3, 2) float32   the same, for the images of glass
     tri_through_uv    (n_tri, 3, 2) float32   the same, for the images of what leaves on the other side
     tri_lobe_uv       (n_tri, 3, 2) float32   the same, for the images of roughness and shares
+    tri_tangents      (n_tri, 3, 3, 3) float32   at each corner the tangent, bitangent and normal of normal maps in tangent space, in the
+                      world, of one scale; zeros where there is none, and of length 0 where no triangle has one
     """
 
     vertex_position: NDArray[np.float64]
@@ -188,6 +191,8 @@ class SceneSnapshot:
     tri_glass_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_through_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_lobe_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+
+    tri_tangents: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 3, 3), np.float32))
 
     def __post_init__(self) -> None:
         for name in TEXTURE_UVS:
@@ -226,6 +231,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         "tri_normal": (n_tri, 3, 3),
         "tri_uv": (n_tri, 3, 2),
         **dict.fromkeys(TEXTURE_UVS, (n_tri, 3, 2)),
+        "tri_tangents": (n_tri if any(one.normal_strength is not None for one in scene.materials) else len(scene.tri_tangents), 3, 3, 3),
     }
     for name, expected in shapes.items():
         found = getattr(scene, name).shape

@@ -77,7 +77,8 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
 def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapshot:
     """The snapshot with the fronts of some triangles (n_tri,) where their backs were."""
     changed: dict[str, Any] = {}
-    for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", *TEXTURE_UVS):
+    of_maps = ("tri_tangents",) if len(snapshot.tri_tangents) else ()
+    for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", *TEXTURE_UVS, *of_maps):
         changed[name] = swap_corners(getattr(snapshot, name), tri_turned)
     changed["tri_normal"][tri_turned] *= -1
     return replace(snapshot, **changed)

@@ -16,7 +16,7 @@ from ..util.files import write_arrays
 from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 _HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (
@@ -29,6 +29,7 @@ _ARRAYS = (
     "tri_normal",
     "tri_uv",
     *TEXTURE_UVS,
+    "tri_tangents",
 )
 
 
@@ -139,7 +140,7 @@ def _build_snapshot(
     if snapshot.world_map is not None and snapshot.world_map.dtype != np.float32:
         raise ValueError(f"{_WORLD_MAP}: expected float32, got {snapshot.world_map.dtype}")
     for name in _ARRAYS:
-        kind = "f" if name in ("vertex_position", "tri_normal") or name.endswith("uv") else "i"
+        kind = "f" if name in ("vertex_position", "tri_normal", "tri_tangents") or name.endswith("uv") else "i"
         if arrays[name].dtype.kind != kind:
             raise ValueError(f"{name}: expected numbers of kind {kind!r}, got {arrays[name].dtype}")
     return snapshot

@@ -11,6 +11,7 @@ from leaflight.core.lights.direct_points import shade_bumps
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.normal_maps import NormalMaps
 from leaflight.core.scene.scene import Light, Material, TextureImage
+from leaflight.core.scene.sides import turn
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util.job import SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
@@ -36,6 +37,51 @@ def test_normals_are_found_unit_and_on_the_side_asked_for():
     rows, normal = maps.look_up(tri, u, v, np.repeat(UP, 3, axis=1) * np.float32([1, 1, -1]))
     assert rows.tolist() == [0, 2]
     assert pytest.approx(np.array([(0.6, 0.0, 0.8), (-0.6, 0.0, -0.8)])) == normal.T
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.5, 1.0, 1.7])
+def test_a_map_in_tangent_space_leans_along_its_tangents(strength):
+    """Which differ between the corners: the square's tangents turn from +X on the left to +Y on the right, its bitangents from +Y to -X."""
+    scene = tilted_scene((0.8, 0.6, 0.9))
+    turned = np.zeros((2, 3, 3, 3), np.float32)
+    is_right = scene.tri_position[..., 0] > 0.5
+    turned[~is_right], turned[is_right] = np.eye(3), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    scene = replace(scene, materials=(Material("Bumpy", normal_image=0, normal_strength=strength),), tri_tangents=turned)
+    places = np.float32([(0.0, 0.0), (1.0, 0.0), (0.25, 0.25)])  # weights of the right corners of the first triangle
+    rows, normal = NormalMaps.of(scene).look_up(np.zeros(3, np.int32), *places.T, np.repeat(UP, 3, axis=1))
+    assert rows.tolist() == [0, 1, 2]
+    x, y, z = 0.6 * strength, 0.2 * strength, 1.0 - 0.2 * min(strength, 1.0)
+    right = places.sum(axis=1)
+    expected = np.stack([(1 - right) * x - right * y, right * x + (1 - right) * y, np.full(3, z)])
+    assert normal == pytest.approx(expected / np.linalg.norm(expected, axis=0), abs=1e-6)
+
+
+def test_maps_in_tangent_space_and_in_the_world_can_be_on_one_scene():
+    scene = tilted_scene((0.8, 0.6, 0.9))
+    frames = np.broadcast_to(np.eye(3, dtype=np.float32), (2, 3, 3, 3))
+    materials = Material("World", normal_image=0), Material("Tangent", normal_image=0, normal_strength=1.0)
+    scene = replace(scene, materials=materials, tri_material=np.array([0, 1], np.int32), tri_tangents=frames)
+    tri = np.array([1, 0, 1], np.int32)
+    _, normal = NormalMaps.of(scene).look_up(tri, *np.full((2, 3), 0.2, np.float32), np.repeat(UP, 3, axis=1))
+    world, tangent = (np.array(one) / np.linalg.norm(one) for one in ((0.8, 0.6, 0.9), (0.6, 0.2, 0.8)))
+    assert pytest.approx(np.array([tangent, world, tangent]), abs=1e-6) == normal.T
+
+
+def test_a_map_in_tangent_space_needs_tangents():
+    scene = tilted_scene((0.8, 0.6, 0.9))
+    with pytest.raises(ValueError, match="tri_tangents"):
+        replace(scene, materials=(Material("Bumpy", normal_image=0, normal_strength=1.0),))
+
+
+def test_turned_surfaces_keep_the_tangents_of_their_corners():
+    scene = tilted_scene((0.8, 0.6, 0.9))
+    frames = np.random.default_rng(1).random((2, 3, 3, 3)).astype(np.float32)
+    scene = replace(scene, materials=(Material("Bumpy", normal_image=0, normal_strength=1.0),), tri_tangents=frames)
+    turned = turn(scene, np.array([True, False]))
+    at, side = np.float32([[0.2], [0.3]]), UP
+    _, before = NormalMaps.of(scene).look_up(np.zeros(1, np.int32), *at, side)
+    _, after = NormalMaps.of(turned).look_up(np.zeros(1, np.int32), *at[::-1], side)
+    assert after == pytest.approx(before)
 
 
 def test_a_scene_without_maps_has_none():
@@ -133,3 +179,27 @@ def test_texels_of_many_bumps_have_the_mean_of_their_light(tmp_path):
     page = bake_lighting(tmp_path / "many", tilted_scene(*bumps, lights=[Light("SUN", "Sun", power_rgb=(math.pi,) * 3)]))
     mean = (1.0 + math.cos(1.2)) / 2.0
     assert page.mean() == pytest.approx(mean, rel=0.04)
+
+
+def bake_texels(tilts):
+    """Light (16, 16) from straight above on a map of columns that are tilted so, and its stated error; a layer fills the page."""
+    bumps = list(zip(np.sin(tilts), np.zeros(len(tilts)), np.cos(tilts), strict=True))
+    scene = tilted_scene(*bumps, lights=[Light("SUN", "Sun", power_rgb=(math.pi,) * 3)])
+    scene = replace(scene, objects=(replace(scene.objects[0], has_layer=True),))
+    light = solve(scene, Settings(size=16, workers=1, error=0.01, passes=("lighting",), sides="front"))
+    return light.pages["lighting"][0, :, :, 0], light.error
+
+
+def test_light_of_texels_with_many_bumps_is_as_noisy_as_is_stated():
+    tilts = np.random.default_rng(2).uniform(0.0, 1.2, (16, 100))
+    page, error = bake_texels(tilts.ravel())
+    light = np.cos(tilts[:, 25:75]).mean(axis=1)  # of the middle half, which is a texel's footprint
+    off = (page / light - 1)[2:-2, 2:-2]
+    assert np.abs(off.mean()) < 0.005
+    assert 0.5 < np.sqrt((off**2).mean()) / error < 1.5
+
+
+def test_what_is_regular_in_a_map_is_not_missed():
+    """Of four columns within each texel's footprint two lean, all of which points of a regular grid would meet."""
+    page, _ = bake_texels(np.where(np.isin(np.arange(16 * 8) % 8, (2, 5)), 1.0, 0.0))
+    assert page[2:-2, 2:-2].mean() == pytest.approx((1.0 + math.cos(1.0)) / 2.0, rel=0.02)

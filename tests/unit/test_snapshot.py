@@ -24,11 +24,12 @@ def make_snapshot():
         tri_albedo_uv=rng.random((2, 3, 2)).astype(np.float32),
         tri_emission_uv=rng.random((2, 3, 2)).astype(np.float32),
         objects=(SceneObject("Wand", mesh=2), SceneObject("Möbel", receives=False, casts_shadow=False)),
-        materials=(Material("Putz", (0.1, 0.2, 0.3), 0), Material("Lampe", emission_rgb=(1.0, 2.0, 3.0))),
+        materials=(Material("Putz", (0.1, 0.2, 0.3), 0, normal_strength=0.5), Material("Lampe", emission_rgb=(1.0, 2.0, 3.0))),
         images=(TextureImage("Karo", rng.random((3, 5, 3)).astype(np.float32), "CLIP", True, True),),
         lights=(Light("AREA", "Fenster", (1.0, 2.0, 3.0), power_rgb=(4.0, 5.0, 6.0), size_m=(2.0, 0.5), casts_shadow=False),),
         world_rgb=(0.1, 0.2, 0.3),
         world_map=rng.random((2, 4, 3)).astype(np.float32),
+        tri_tangents=rng.normal(size=(2, 3, 3, 3)).astype(np.float32),
     )
 
 
