@@ -39,7 +39,7 @@ class GltfColors:
     def __init__(self, folder: Path) -> None:
         self.made: list[Any] = []
         self.warnings: list[tuple[str, str]] = []
-        self._folder, self._images = folder, ImageTable()
+        self._folder, self._images = folder, ImageTable(is_refined=False)
         self._textures: dict[Any, bpy.types.Image] = {}
 
     def needs(self, material: bpy.types.Material) -> bool:

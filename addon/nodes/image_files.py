@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -38,6 +38,7 @@ class ImagePixels:
     alpha    (height, width) float32, None where it is 1 everywhere
     mean     RGBA over the image
     note     what of it was replaced, "" nothing
+    is_encoded   it is of sRGB bytes, which Cycles interpolates as they are
     grid     the UDIM tiles that lie in it: the first one's column and row, then how many columns and rows
     """
 
@@ -46,6 +47,7 @@ class ImagePixels:
     mean: tuple[float, float, float, float]
     note: str = ""
     grid: tuple[int, int, int, int] = (0, 0, 1, 1)
+    is_encoded: bool = False
 
     @classmethod
     def of(cls, color: NDArray[np.float32], alpha: NDArray[np.float32] | None, note: str = "") -> ImagePixels:
@@ -134,7 +136,7 @@ def read_file(source: str | bytes, encoded: bool, has_alpha: bool, most_texels: 
             path = Path(folder, f"packed{kind}")
             path.write_bytes(source)
             stored = read_bytes(str(path))
-    return None if stored is None else ImagePixels.of(*convert_bytes(stored, encoded, has_alpha, most_texels))
+    return None if stored is None else replace(ImagePixels.of(*convert_bytes(stored, encoded, has_alpha, most_texels)), is_encoded=encoded)
 
 
 def convert_bytes(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterable
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from ...core.output.image_file import srgb_to_linear
 from ...core.scene.scene import TextureImage
 from .image_files import ImageFiles, ImagePixels, convert_bytes
 from .image_parts import find_cell, open_frame, open_tile
+from .srgb_filtering import refine_srgb
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
+_MOST_REFINED = 1 << 24  # texels of all images that are refined
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
 
 
@@ -23,9 +26,11 @@ class ImageTable:
     """The textures of a snapshot; one for each image and way of using it.
 
     most_texels   on a side of them, which are reduced to that
+    is_refined    coarse ones get more texels, so that they are between their own what Cycles has there
     """
 
-    def __init__(self, most_texels: int = MAX_TEXTURE_SIDE_TEXELS) -> None:
+    def __init__(self, most_texels: int = MAX_TEXTURE_SIDE_TEXELS, is_refined: bool = True) -> None:
+        self._room_for_refined = _MOST_REFINED if is_refined else 0
         self.most_texels = min(most_texels, MAX_TEXTURE_SIDE_TEXELS)
         self.files = ImageFiles(self.most_texels)
         self.images: list[TextureImage] = []
@@ -71,6 +76,10 @@ class ImageTable:
             assert pixels is not None
             self._index[key] = len(self.images)
             shown = pixels.pixels if not alpha or pixels.alpha is None else np.repeat(pixels.alpha[..., None], 3, axis=2)
+            is_reduced = 2 * max(shown.shape[:2]) > self.most_texels  # or may be
+            if pixels.is_encoded and pixels.alpha is None and not (closest or is_reduced) and self._room_for_refined > 0:
+                shown = refine_srgb(shown, extension)
+                self._room_for_refined -= 0 if shown is pixels.pixels else shown.shape[0] * shown.shape[1]
             self.images.append(TextureImage(image.name, shown, extension, closest))
         return self._index[key]
 
@@ -100,15 +109,14 @@ def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
         note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
     if not image.is_float and image.channels in (1, 3, 4):
         np.multiply(flat, np.float32(255.0), out=flat)
-        return ImagePixels.of(
-            *convert_bytes(np.rint(flat, out=flat).astype(np.uint8).reshape(stored.shape), encoded, True, most_texels), note
-        )
-    alpha = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
+        color, alpha = convert_bytes(np.rint(flat, out=flat).astype(np.uint8).reshape(stored.shape), encoded, True, most_texels)
+        return replace(ImagePixels.of(color, alpha, note), is_encoded=space == "sRGB")
+    opaque = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
     color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
     color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
     if encoded:
         color = srgb_to_linear(color)
-    coverage = None if alpha is None else _reduce(alpha[..., None], most_texels)[..., 0]
+    coverage = None if opaque is None else _reduce(opaque[..., None], most_texels)[..., 0]
     return ImagePixels.of(_reduce(color, most_texels), coverage, note)
 
 

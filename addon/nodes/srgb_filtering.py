@@ -1,0 +1,61 @@
+"""Images of 8 bit sRGB, between whose pixels Cycles takes the mean of the bytes, which is darker than that of their light."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.output.image_file import linear_to_srgb, srgb_to_linear
+
+_MOST_TEXELS, _MOST_PARTS = 1536, 9  # on a side of the finer image, and of a texel
+_GAP = 0.002  # half way between texels, relative to the image, that is left
+_TABLE_STEPS = 1 << 16
+_TABLE = srgb_to_linear(np.arange(_TABLE_STEPS, dtype=np.float32) / np.float32(_TABLE_STEPS - 1))
+_TABLE.flags.writeable = False
+_ROWS = 128  # of the finer image that are made at once
+
+
+def refine_srgb(pixels: NDArray[np.float32], extension: str) -> NDArray[np.float32]:
+    """An image with so many more texels that the light between its pixels is Cycles'; as it was where that is as good.
+
+    pixels      (height, width, 3) float32, linear, of bytes
+    extension   as of a TextureImage
+    Source: Blender, intern/cycles/kernel/device/cpu/image.h: what is compressed as sRGB is interpolated first.
+    """
+    most = min(_MOST_PARTS, _MOST_TEXELS // max(*pixels.shape[:2], 1))
+    if most < 3 or extension == "CLIP":
+        return pixels
+    encoded = linear_to_srgb(pixels)
+    parts = math.ceil(math.sqrt(_find_gap(pixels, encoded) / _GAP))
+    if parts < 2:
+        return pixels
+    parts, most = parts | 1, most - 1 + most % 2  # odd, so that the middle of a pixel stays one
+    parts = min(parts, most)
+    (row, up), (column, along) = (_place(side, parts, extension == "REPEAT") for side in pixels.shape[:2])
+    out = np.empty((len(up), len(along), 3), np.float32)
+    for low in range(0, len(up), _ROWS):
+        band = slice(low, low + _ROWS)
+        between = encoded[row[0, band]] * (1 - up[band, None, None]) + encoded[row[1, band]] * up[band, None, None]
+        between = between[:, column[0]] * (1 - along[:, None]) + between[:, column[1]] * along[:, None]
+        _TABLE.take((between * np.float32(_TABLE_STEPS - 1) + np.float32(0.5)).astype(np.int32), out=out[band], mode="clip")
+    return out
+
+
+def _place(side: int, parts: int, is_repeated: bool) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The two texels (2, n) that each of the finer ones lies between, and how far it is from the first (n,)."""
+    place = (np.arange(side * parts) + 0.5) / parts - 0.5
+    first = np.floor(place).astype(np.int64)
+    both = np.stack([first, first + 1])
+    return both % side if is_repeated else both.clip(0, side - 1), (place - first).astype(np.float32)
+
+
+def _find_gap(pixels: NDArray[np.float32], encoded: NDArray[np.float32]) -> float:
+    """How much darker it is half way between pixels, along rows or columns, relative to the image; n parts leave 1 / n^2."""
+    gaps, mean = [0.0], max(float(pixels.mean(dtype=np.float64)), 1e-6)
+    for values, stored in ((pixels, encoded), (pixels.swapaxes(0, 1), encoded.swapaxes(0, 1))):
+        if len(values) > 1:
+            darker = srgb_to_linear((stored[1:] + stored[:-1]) / 2)
+            gaps.append(float(((values[1:] + values[:-1]) / 2 - darker).mean(dtype=np.float64)) / mean)
+    return max(gaps)

@@ -1,0 +1,89 @@
+"""Light between the pixels of coarse 8 bit images is that of Cycles, which takes the mean of sRGB bytes."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from leaflight.addon.nodes.srgb_filtering import refine_srgb
+from leaflight.addon.read.export_scene import export_scene
+from leaflight.core.scene.textures import sample_texture
+
+pytestmark = pytest.mark.usefixtures("empty_file")
+
+SIDE = 64
+
+
+def show_image(width=5, height=3, space="sRGB", floating=False, **looks):
+    """A plane that emits an image of random colours, three times as often; its node."""
+    bpy.ops.mesh.primitive_plane_add()
+    layer = bpy.context.object.data.uv_layers.active.uv
+    layer.foreach_set("vector", np.float32([[0, 0], [1.5, 0], [1.5, 1.5], [0, 1.5]]).ravel())
+    image = bpy.data.images.new("Colours", width, height, float_buffer=floating)
+    image.colorspace_settings.name = space
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = np.random.default_rng(3).random((height, width, 3))
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()
+    material = bpy.data.materials.new("Glow")
+    if material.node_tree is None:
+        material.use_nodes = True
+    bpy.context.object.data.materials.append(material)
+    tree = material.node_tree
+    tree.nodes.clear()
+    output, emission, texture = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("OutputMaterial", "Emission", "TexImage"))
+    texture.image = image
+    for name, value in looks.items():
+        setattr(texture, name, value)
+    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    return texture
+
+
+def bake_emission(tree):
+    """(SIDE, SIDE, 3): the plane's, at the middles of texels."""
+    bpy.context.object.data.uv_layers.new(name="Page").uv.foreach_set("vector", np.float32([0, 0, 1, 0, 1, 1, 0, 1]))
+    bpy.context.object.data.uv_layers["Page"].active = True
+    target = tree.nodes.new("ShaderNodeTexImage")
+    target.image = bpy.data.images.new("Target", SIDE, SIDE, float_buffer=True, is_data=True)
+    for node in tree.nodes:
+        node.select = node == target
+    tree.nodes.active = target
+    bpy.context.scene.render.engine = "CYCLES"
+    bpy.context.scene.cycles.samples = 1
+    bpy.ops.object.bake(type="EMIT", margin=0)
+    pixels = np.empty((SIDE, SIDE, 4), np.float32)
+    target.image.pixels.foreach_get(pixels.ravel())
+    return pixels[..., :3]
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        {},
+        {"extension": "EXTEND"},
+        {"extension": "MIRROR"},
+        {"interpolation": "Closest"},
+        {"floating": True},
+        {"space": "Non-Color"},
+        {"width": 1},
+    ],
+    ids=str,
+)
+def test_light_between_pixels_is_that_of_cycles(image):
+    texture = show_image(**image)
+    scene = export_scene(bpy.context).snapshot
+    place = 1.5 * (np.mgrid[0:SIDE, 0:SIDE] + 0.5) / SIDE
+    found = sample_texture(scene.images[scene.materials[0].emission_image], place[::-1].reshape(2, -1).T).reshape(SIDE, SIDE, 3)
+    off = np.abs(found - bake_emission(texture.id_data))
+    assert np.quantile(off, 0.98) < 0.01  # 0.3 where light is interpolated; beside that, on the edges of pixels
+
+
+def test_an_image_that_gains_nothing_stays_as_it_is():
+    rng = np.random.default_rng(1)
+    gentle, large = 0.5 + 0.02 * rng.random((8, 8, 3), np.float32), rng.random((4, 600, 3), np.float32)
+    harsh = np.repeat(np.indices((8, 8)).sum(axis=0)[..., None] % 2, 3, axis=2).astype(np.float32)
+    assert refine_srgb(gentle, "REPEAT") is gentle
+    assert refine_srgb(large, "REPEAT") is large
+    assert refine_srgb(harsh, "CLIP") is harsh
+    assert refine_srgb(harsh, "REPEAT").shape == (72, 72, 3)
