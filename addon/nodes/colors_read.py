@@ -110,7 +110,9 @@ class ColorReader:
         if color is not None and color.image < 0 and color.rgb == FACING:
             return True
         strength, is_map = port.sibling("Strength"), color is not None and color.image >= 0 and color.rgb == WHITE
-        found = color if is_map else self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True)
+        found = color if is_map else self._read_image(port)
+        if found is None:
+            found = self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True)
         if found is None:
             return False
         self.by_faces = self.by_object = True
@@ -129,9 +131,19 @@ class ColorReader:
         local = faces.local
         if (node.uv_map or local.render_layer) not in local.layers or (strength is not None and not strength.is_value):
             return None
-        before, self._depth, self._inexact = list(self.replaced), 1, False
+        return self._read_on_layer(port.sibling("Color"))
+
+    def _read_image(self, port: Port) -> Color | None:
+        """An image that is the normal in the world itself, as where its colours go into Normal without a Normal Map node."""
+        color = self._read_on_layer(port) if port.node.type == "TEX_IMAGE" and port.socket.type == "RGBA" else None
+        return color if color is not None and color.image >= 0 and color.rgb == WHITE else None
+
+    def _read_on_layer(self, port: Port | None) -> Color | None:
+        """The colour that an output gives, if it is known exactly, and is constant or lies along a UV layer; None otherwise."""
+        assert self.faces is not None
+        local, before, self._depth, self._inexact = self.faces.local, list(self.replaced), 1, False
         try:
-            color = self._read_color(port.sibling("Color"), FACING)
+            color = self._read_color(port, FACING)
         finally:
             self._depth, self.replaced = 0, before
         if self._inexact or not (color.image < 0 or isinstance(color.mapping, UvMapping)):

@@ -86,6 +86,26 @@ def test_a_normal_map_is_read_as_cycles_gives_it(kind, mirrored, strength, monke
     assert np.percentile(cosine, 50) > 0.997  # 0.96 to 0.99 where the map is shifted by three texels
 
 
+def test_an_image_that_is_the_normal_itself_is_read_as_cycles_gives_it(monkeypatch):
+    """Files from before Cycles have colours of normal maps in Normal without a Normal Map node."""
+    obj = add_object("cylinder")
+    obj.rotation_euler, obj.scale = (0.3, 0.5, 0.7), (-0.4, 0.5, 0.3)
+    tree, node = wear_normal_map(obj)
+    normal, unit = tree.nodes["Principled BSDF"].inputs["Normal"], tree.nodes.new("ShaderNodeVectorMath")
+    source = node.inputs["Color"].links[0].from_socket
+    unit.operation = "NORMALIZE"
+    tree.links.new(source, unit.inputs[0])
+    tree.links.new(unit.outputs[0], normal)
+    known, theirs = find_normals()  # Blender evaluates this node
+    tree.links.new(source, normal)
+    monkeypatch.setattr(socket_bake, "bake_socket", lambda *_: pytest.fail("Blender was asked"))
+    rows, mine = find_normals()
+    assert len(rows) == 20_000
+    cosine = (mine[:, known] * theirs).sum(axis=0)
+    assert np.percentile(cosine, 5) > 0.9
+    assert np.percentile(cosine, 50) > 0.997
+
+
 def test_of_a_map_that_is_finer_than_any_page_texels_are_taken_at_random():
     """Every other column of the map leans; one of two is kept, and a regular choice would miss all that lean, or all others."""
     bpy.ops.mesh.primitive_plane_add(size=1.0)
