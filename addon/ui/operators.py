@@ -80,8 +80,8 @@ class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
             return False
         if not has_state(context.scene):
             cls.poll_message_set(
-                "Nothing is kept of this bake to go on from: it was stopped too early or was removed, so bake it again; "
-                "or it is too large, or of direct light alone, so bake to a smaller error"
+                "There is nothing to refine: this bake was stopped too early, is too large, has direct light only, "
+                "or its .refine folder is gone. Press Bake, with a smaller error for less noise"
             )
             return False
         return True

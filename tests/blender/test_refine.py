@@ -188,7 +188,7 @@ def test_an_unchanged_bake_that_never_had_a_state_is_kept(room, state, kept):
 
 def test_a_state_that_is_gone_is_a_sentence(room, kept):
     next(kept.glob("*.json")).unlink()
-    with pytest.raises(RuntimeError, match=r"Nothing is kept of this bake to go on from: .* or was removed"):  # what the grey button says
+    with pytest.raises(RuntimeError, match=r"There is nothing to refine: .* folder is gone"):  # what the grey button says
         bpy.ops.leaflight.refine()
     with pytest.raises(ValueError, match="bake it again"):
         kept_state.refine_request(room, BakeRequest(Settings()))
