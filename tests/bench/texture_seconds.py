@@ -1,6 +1,10 @@
 """How long the textures of a scene take to be read: one of 4096^2, and sixty of 2048^2.
 
 python tests/bench/texture_seconds.py      prints seconds by the clock and of the processor; needs an idle machine
+
+Sixty PNGs of 2048^2 do not come within 3 s on two cores: of 0.115 CPU s for one of them, inflating takes 0.066 with zlib. The wheels of
+isal (0.029) and zlib-ng (0.039) inflate faster, but read no PNG, and most filters of its rows (Average, Paeth) need the pixel to the left,
+so numpy cannot undo them by whole rows. So OpenImageIO, which Blender has, reads them.
 """
 
 from __future__ import annotations
