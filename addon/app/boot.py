@@ -88,7 +88,9 @@ def _run_and_send(
     except BrokenExecutor:
         _log_fault()
         send(
-            messages.Error("A worker of the bake was killed, most likely for lack of memory: choose a smaller page size or fewer workers.")
+            messages.Error(
+                "A worker of the bake was killed, most likely for lack of memory: choose a smaller page size or fewer processes."
+            )
         )
         return 1
     except Exception:  # the last line of defence of a process: a fault of ours is shown whole
@@ -106,7 +108,7 @@ def _log_fault() -> None:
 def _sentence(reason: ValueError | OSError | MemoryError, folder: Path) -> str:
     # Mapping a file into memory that there is not is an OSError.
     if isinstance(reason, MemoryError) or (isinstance(reason, OSError) and reason.errno == errno.ENOMEM):
-        return "The bake ran out of memory: choose a smaller page size or density, or fewer workers."
+        return "The bake ran out of memory: choose a smaller page size or density, or fewer processes."
     if isinstance(reason, OSError) and reason.strerror:  # the system's own words, not ours: of a file in the job's folder
         return f"{folder}: the bake's temporary files cannot be kept there ({reason.strerror}); make room, or set TMPDIR to another folder."
     return str(reason)

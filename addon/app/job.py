@@ -111,7 +111,7 @@ class BakeProcess:
         tail = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         last = f" Its last words: {tail[-1]}" if tail else ""
         if code == -9:
-            return "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers." + last
+            return "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer processes." + last
         return f"The baking process ended unexpectedly (code {code}): this is a fault of Leaflight's, please report it." + last
 
 

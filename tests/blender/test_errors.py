@@ -208,7 +208,7 @@ def test_killed_child(state):
     sentence = bake_error(state)
     thread.join()
     assert sentence.startswith(
-        "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers."
+        "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer processes."
     )
 
 
@@ -227,7 +227,7 @@ def test_child_out_of_memory(state, monkeypatch, limit_mb):
 
     monkeypatch.setattr(job.subprocess, "Popen", start_limited)
     bpy.context.scene.leaflight.size = 4096
-    assert bake_error(state) == "The bake ran out of memory: choose a smaller page size or density, or fewer workers."
+    assert bake_error(state) == "The bake ran out of memory: choose a smaller page size or density, or fewer processes."
 
 
 def test_sentences_name_no_flag_of_the_command_line(state):

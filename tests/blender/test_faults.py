@@ -105,7 +105,7 @@ def test_the_baking_process_is_killed(room, stage):
     if stage != "writing" or code:  # which may be over before it is killed
         assert code == 1
         assert told[0].startswith(
-            "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer workers."
+            "The baking process was killed, most likely for lack of memory: choose a smaller page size or fewer processes."
         )
         assert not (room.parent / "saved.blend").exists()
     hold_aftermath(room, before)

@@ -238,7 +238,7 @@ def out_of_memory() -> Iterator[float]:
     yield from press_bake()
     subprocess_of_job.Popen = start
     yield from wait(lambda: not state().running)
-    sentence = "The bake ran out of memory: choose a smaller page size or density, or fewer workers."
+    sentence = "The bake ran out of memory: choose a smaller page size or density, or fewer processes."
     yield from settle(0.5)
     check("out_of_memory: in the status bar", any(sentence in line for line in told()))
     check("out_of_memory: in the panel", sentence == state().error and not is_baked())
@@ -261,7 +261,7 @@ def kill(which: str, find: Callable[[], int]) -> Iterator[float]:
     os.kill(find(), signal.SIGKILL)
     yield from wait(lambda: not state().running)
     yield from settle(0.5)
-    sentence = "was killed, most likely for lack of memory: choose a smaller page size or fewer workers."
+    sentence = "was killed, most likely for lack of memory: choose a smaller page size or fewer processes."
     check(f"killed {which}: in the status bar", any(sentence in line for line in told()))
     check(f"killed {which}: in the panel", sentence in state().error and not is_baked())
     yield from picture(f"killed_{which}")
