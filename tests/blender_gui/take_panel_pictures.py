@@ -22,6 +22,9 @@ PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight
 CHOSEN = os.environ.get("PARTS", "").split()
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
+LIT_ERROR = 0.3  # no error is stated before some rounds of photons
+STRICT_ERROR = 0.01  # such a bake does not end before it is stopped
+SIZE = 512
 GROUPS = ("quality", "lightmap", "output", "advanced", "research")
 WIDTH, COLORS = 700, 256  # of a picture: small files; with fewer colours, or undithered, light that fades shows bands
 
@@ -148,15 +151,24 @@ def picture_bake() -> Iterator[float]:
     press("toggle_preview")
 
 
+def draw_little() -> None:
+    """For pictures of the panel alone: a small page, and a view that leaves the processor to the bake."""
+    shading = area_of("VIEW_3D").spaces.active.shading
+    shading.type, shading.color_type, chosen().size = "SOLID", "TEXTURE", 128
+
+
 def picture_refine() -> Iterator[float]:
+    draw_little()
+    chosen().quality, chosen().error = "CUSTOM", STRICT_ERROR
     chosen().force = True  # the scene has not changed
     press("bake", "INVOKE_DEFAULT")
     chosen().force = False
-    yield from wait(lambda: state().progress or not state().running)
+    # Before that there is nothing that Refine could go on from.
+    yield from wait(lambda: (state().progress and state().progress.estimated_error < LIT_ERROR) or not state().running)
     with in_view():
         bpy.ops.leaflight.stop()
     yield from settle(0.2)
-    yield from picture_of_panel("stopping", 270)
+    yield from picture_of_panel("stopping", 220)
     yield from wait(lambda: not state().running)
     yield from measured()
     yield from picture_of_panel("stopped")
@@ -164,12 +176,13 @@ def picture_refine() -> Iterator[float]:
     yield from settle(1.0)
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
     yield from settle(0.3)
-    yield from picture_of_panel("refining", 270)
+    yield from picture_of_panel("refining", 450)
+    press("discard")
     yield from wait(lambda: not state().running)
-    print(f"REFINED {state().summarize()}", flush=True)
 
 
 def picture_other_ends() -> Iterator[float]:
+    draw_little()
     chosen().quality = "DRAFT"
     press("bake", "INVOKE_DEFAULT")
     with in_view():
@@ -177,7 +190,7 @@ def picture_other_ends() -> Iterator[float]:
         bpy.ops.object.mode_set(mode="EDIT")
     yield from wait(lambda: state().notice or not state().running)
     yield from settle(0.5)
-    yield from picture_of_panel("edit_mode_waits", 270)
+    yield from picture_of_panel("edit_mode_waits", 220)
     with in_view():
         bpy.ops.object.mode_set(mode="OBJECT")
     yield from wait(lambda: not state().running)
@@ -185,6 +198,7 @@ def picture_other_ends() -> Iterator[float]:
     yield from wait(lambda: not state().running)
     yield from measured()
     yield from picture_of_panel("unchanged")
+    area_of("VIEW_3D").spaces.active.shading.type, chosen().size = "MATERIAL", SIZE
 
 
 def picture_groups() -> Iterator[float]:
@@ -295,7 +309,7 @@ PARTS = (
 def steps() -> Iterator[float]:
     open_groups()
     yield from open_tab()
-    chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), 512, "lighting"
+    chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), SIZE, "lighting"
     for part in (part for part in PARTS if part.__name__.removeprefix("picture_") in CHOSEN or not CHOSEN):
         yield from check_all(part(), part.__name__)
 
