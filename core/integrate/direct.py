@@ -153,7 +153,6 @@ def direct_irradiance(
     tolerance: float = 0.01,
     max_rays: int = STAGES[-1][1],
     tiles: Tiles | None = None,
-    smoothed: bool = False,
     crossed: NDArray[np.bool_] | None = None,
     beside: NDArray[np.float32] | None = None,
     dark: float = 0.0,
@@ -165,7 +164,6 @@ def direct_irradiance(
     tolerance    standard error, relative to the texel's light, at which a light gets no more rays
     max_rays     per texel and light: 4, 16 or 64
     tiles        among the texels, which then share their first looks at lights
-    smoothed     the light will be filtered: where it is smooth over a tile, more noise is left to the filter
     crossed      (n,) bool: texels whose footprint reaches past the foot of an object on them, and differs from their neighbours'
     beside       (n,) float32, W/m^2: other light of the texels, of ReferenceLevel; None is none
     dark         W/m^2: of Demand
@@ -182,9 +180,8 @@ def direct_irradiance(
             rows = group[part]
             alone = crossed[rows]
             whole = (tiles or Tiles.none()).within(rows).without(alone)
-            calm = whole if smoothed else Tiles.none()
             smooth = whole.without(chunk.have_bumps(np.arange(len(chunk))))
-            demand = Demand(tolerance, max_rays, smooth.on_one_triangle(chunk.tri), calm.texels(), alone, dark)
+            demand = Demand(tolerance, max_rays, smooth.on_one_triangle(chunk.tri), alone, dark)
             looking = _LookingChunk(scene, chunk, demand, beside[rows], rng)
             value, error = looking.find_light()
             into = as_slice(rows)
@@ -271,16 +268,14 @@ class _LookingChunk:
         is_left = ~(agreed | without | given)
         rows, place = np.flatnonzero(is_left), np.cumsum(is_left) - 1
         leads = np.where(given[look.leader], every, look.leader)
-        own = every == leads
-        alone = demand.smoothed[(is_left & own)[demand.smoothed].all(axis=1)]
         known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
-        tally = Tally(source, rows, None, shift, known, place[alone], place[leads[rows]], demand.are_alone(rows))
+        tally = Tally(source, rows, None, shift, known, place[leads[rows]], demand.are_alone(rows))
         self._tallies.append(tally)
         self.counters["rays"] += look.rays
         self.counters["pairs"] += len(chunk) - len(rows)
         self.counters["out_of_reach"] += int(without.sum())
         self.counters["settled"] += int(agreed.sum())
-        self.counters["shared"] += int(agreed.sum()) + int((~own).sum())
+        self.counters["shared"] += int(agreed.sum()) + int((leads != every).sum())
 
     def _tell_lamps_apart(self) -> RestOfCrowd | None:
         """Tallies of lamps of a crowd that give much; the others, to be sampled."""

@@ -61,8 +61,7 @@ def list_shards(whole: _Shard) -> list[_Shard]:
 
 def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> texel_shards.DirectShard:
     """A shard of these texels (m,), ascending, without other light as reference."""
-    smoothed = settings.denoise and uses("filter_tolerance")
-    return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error, smoothed)
+    return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error)
 
 
 def find_dark(settings: Settings, brightness: float) -> float:

@@ -22,7 +22,6 @@ from ..scene.rays import RayScene
 from ..scene.shadow_rays import MOST_LAYERS
 from ..scene.surface_cells import SurfaceCells
 from ..texels.texel_map import TexelMap
-from ..texels.tiles import Tiles
 from ..transport.mirrors import GlossyScene, follow_mirrors
 from ..transport.passing import Passing
 from ..transport.refraction import follow_glass
@@ -95,15 +94,12 @@ def gather_light(
     texel: IntArray,
     rng: np.random.Generator,
     tolerance: float,
-    tiles: Tiles,
-    smoothed: bool,
 ) -> GatheredLight:
     """Light from surfaces at texels (n,) int; the other arguments as of direct.direct_irradiance, the tolerance relative to all light."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
     doubt, n_ray = np.zeros(len(texel), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
-        own_tiles = tiles.within(part)
-        demand = Demand(tolerance, smoothed=own_tiles.texels()[: len(own_tiles) * smoothed])
+        demand = Demand(tolerance)
         gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
         rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
         light, error, traced = gather_until_sure(gathering.look, rows, demand, base)

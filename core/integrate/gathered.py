@@ -16,7 +16,6 @@ from ..filter.denoise import Spread
 from ..filter.filtered_field import FilteredGather
 from ..parallel import shared_arrays
 from ..texels.texel_map import TexelMap
-from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.messages import Message, Status
 from ..util.settings import Settings
@@ -61,9 +60,8 @@ class GatheredField(DirectField):
     ) -> bool:
         """As shoot."""
         self.ask_for(settings.error)
-        tolerance, smoothed = _TOLERANCE * settings.error, settings.denoise and uses("filter_tolerance")
         with shared_arrays.laid_out(folder, known) as view:
-            whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, tolerance, smoothed, view)
+            whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, _TOLERANCE * settings.error, view)
             return self._send_rays(executor, texel_shards.gather_texels, whole, tell, should_stop)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:

@@ -51,19 +51,11 @@ class TexelShard:
     start: int  # position of the shard in its turn
     texels: IntArray | range  # ascending; a range is sooner sent
     tolerance: float  # see direct.direct_irradiance and gather.gather_light
-    smoothed: bool  # the same
 
     @property
     def entries(self) -> IntArray:
         """(m,) int: its texels."""
         return np.arange(self.texels.start, self.texels.stop) if isinstance(self.texels, range) else self.texels
-
-    def tiles(self) -> Tiles:
-        """Of its texels."""
-        if not uses("tiles"):
-            return Tiles.none()
-        texels, rows = open_tracing(self.tracing).texels, as_slice(self.entries)
-        return Tiles.of(texels.texel_chart[rows], texels.texel_code[rows])
 
     def rng(self, round_: int) -> np.random.Generator:
         """Its own random numbers; `round_` is that of the first turn, from which turns count down."""
@@ -77,6 +69,13 @@ class DirectShard(TexelShard):
     view: str = ""
     dark: float = 0.0
 
+    def tiles(self) -> Tiles:
+        """Of its texels."""
+        if not uses("tiles"):
+            return Tiles.none()
+        texels, rows = open_tracing(self.tracing).texels, as_slice(self.entries)
+        return Tiles.of(texels.texel_chart[rows], texels.texel_code[rows])
+
 
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
@@ -84,7 +83,7 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
     crossed = texels.borders.see_beyond(entry, LOOK)
     beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
-    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, smoothed=shard.smoothed, dark=shard.dark)
+    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, dark=shard.dark)
     # Repeated texels were not exact enough.
     quads = Quads.none() if shard.turn else direct_quads.find_quads(texels, entry, tiles, crossed)
     return direct_quads.light_by_quads(light, texels, entry, shard.tolerance, tiles, crossed, beside, quads)
@@ -100,7 +99,7 @@ class GatherShard(TexelShard):
 def gather_texels(shard: GatherShard) -> gather.GatheredLight:
     """Light from surfaces at the texels of a shard."""
     scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
-    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.tolerance, shard.tiles(), shard.smoothed)
+    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.tolerance)
 
 
 @keep_scene_open

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ..lights.direct_lights import Source
 from ..lights.direct_points import GAUSS_POINTS, STAGES, Receivers, TexelChunk, light_points
 from ..scene.shadow_rays import ShadowRays, Sight
-from ..texels.tiles import TILE_TEXELS, find_calm
 from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.coverage import as_slice
@@ -32,7 +31,6 @@ class Tally:
     rows    (n,) int64     texels of the chunk in spatial order, for one light after the other
     lamp    (n,) int64     rows of the source; None where it has one
     known   (2, n) float64   closed form, nan where it must be computed, and its standard error; None is nan everywhere
-    tiles   (k, 64) int64  pairs of tiles, where noise may be left to the filter
     leader  (n,) int64     pair whose rays estimate the visible share of this one, where closed forms are known; None: each its own
     alone   (n,) bool      pairs whose rays share nothing with their neighbours' stopping rule; None is none
     """
@@ -44,12 +42,10 @@ class Tally:
         lamp: NDArray[np.int64] | None,
         shift: NDArray[np.uint32],
         known: Float64 | None = None,
-        tiles: NDArray[np.int64] | None = None,
         leader: NDArray[np.int64] | None = None,
         alone: NDArray[np.bool_] | None = None,
     ) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
-        self._tiles = np.zeros((0, TILE_TEXELS), np.int64) if tiles is None else tiles
         # Sums over starts of the closed form and of its square; error of the mean of four starts.
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
@@ -228,14 +224,6 @@ class Tally:
                 mean_error = np.bincount(block, error, minlength=n_block) / np.maximum(np.bincount(block, minlength=n_block), 1)
                 doubt |= mean_error[block] > allowed**2
                 dark = ~self._lit & (self._rays == STAGES[1][1])
-            tiles = self._tiles
-            if stage == STAGES[1]:
-                # Where tiles do not give the closed form, estimates start at the same four points and never see an edge that these miss.
-                tiles = tiles[self._known[tiles].all(axis=1)]
-            if len(tiles):
-                # After the first few rays the variance itself is hardly known.
-                calm = find_calm(self.value()[tiles], allowed[tiles].mean(axis=1), by_slope=stage == STAGES[2])
-                doubt[tiles[calm]] = False
             if not self.source.is_sharp and uses("dark_leaders"):
                 doubt[self._lead(dark & matters & self.leads & ~doubt, stage)] = True
         return np.flatnonzero(doubt & self.in_reach & self.leads)

@@ -21,7 +21,7 @@ from .emitting_cells import EmittingCells
 from .irradiance import polygon_irradiance
 from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, cumulate, find_reach, gather_until_sure, in_order
 
-_STAGES_ALONE = ((0, STAGES[1][1]), STAGES[2])  # of texels outside of tiles: 4 rays may all miss the emitters
+_SPANS = ((0, STAGES[1][1]), STAGES[2])  # of a texel's rays: the first 4 may all miss the emitters
 _TOGETHER = 16  # texels of a quarter of a tile, which share a pdf
 _DIAGONAL = GAUSS_POINTS[[0, 3]]  # of a texel
 _PROBES = (0, 5, 10, 15)  # the quarter's corners, at which the importances are evaluated and summed
@@ -112,13 +112,8 @@ class EmitterPool:
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
             return self._gather(rays, chunk, rows, (end, group), (shift, turn), span, rng)
 
-        total, variance = np.zeros((2, len(chunk), 3))
-        alone = np.ones(len(chunk), bool)
-        alone[demand.smoothed] = False
-        for rows, stages in ((np.flatnonzero(~alone), STAGES), (np.flatnonzero(alone), _STAGES_ALONE)):
-            found, error, traced = gather_until_sure(gather, rows, demand, base_rgb, stages)
-            total[rows], variance[rows], n_ray = found[rows], error[rows], n_ray + traced
-        return total, variance, n_ray
+        total, variance, traced = gather_until_sure(gather, np.arange(len(chunk)), demand, base_rgb, _SPANS)
+        return total, variance, n_ray + traced
 
     def _gather(
         self,

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..texels.tiles import Tiles, find_calm
+from ..texels.tiles import Tiles
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from .direct_points import STAGES, row_pieces
@@ -29,7 +29,6 @@ class Demand:
     tolerance   standard error, relative to a texel's light, at which a light gets no more rays
     max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share first looks and choices
-    smoothed    (k, 64) int: texels of tiles whose noise may be left to the filter
     alone       (n,) bool: texels that share no samples with their neighbours; None means none
     dark        W/m^2: least light to which the error of light through openings is relative
     """
@@ -37,7 +36,6 @@ class Demand:
     tolerance: float
     max_rays: int = STAGES[-1][1]
     flat: Tiles = field(default_factory=Tiles.none)
-    smoothed: IntArray = field(default_factory=lambda: Tiles.none().texels())
     alone: NDArray[np.bool_] | None = None
     dark: float = 0.0
 
@@ -200,7 +198,7 @@ def gather_until_sure(
         return total, squares, n_ray
     taken, asked = np.ones(count, np.int64), np.zeros(count, bool)
     taken[rows], asked[rows] = 0, True
-    spans, smoothed = demand.spans(stages), demand.smoothed
+    spans = demand.spans(stages)
     for first, last in spans:
         for piece in row_pieces(rows, last - first):
             value, traced = gather(piece, (first, last))
@@ -214,21 +212,14 @@ def gather_until_sure(
         error, mean = weigh_channels(squares) / taken**2, total / taken[:, None]
         if gain is not None:
             error /= gain(taken)
-        limit = demand.tolerance * weigh_channels(base_rgb + mean)
-        allowed = limit**2
+        allowed = (demand.tolerance * weigh_channels(base_rgb + mean)) ** 2
         # Stopping by a texel's own sample variance alone is biased, so a block also shares the rule.
         worse = np.add.reduceat((error - allowed) * asked, np.arange(0, count, BLOCK_TEXELS)) > 0
         doubt = np.repeat(worse, BLOCK_TEXELS)[:count]
-        least = np.zeros(count)
         if foreseen is None:
             doubt |= error > allowed
         else:
-            least = foreseen[1] / taken
-            limit = demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])
-            doubt |= least > limit**2
-        if len(smoothed):
-            calm = find_calm(weigh_channels(mean)[smoothed], limit[smoothed].mean(axis=1), least=least[smoothed].mean(axis=1))
-            doubt[smoothed[calm]] = False
+            doubt |= foreseen[1] / taken > (demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])) ** 2
         rows = rows[doubt[rows]]
         if first == 0:
             learn(rows)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import Float64, Int64
 from .texel_grid import part_bits
-from .tiles import TILE_TEXELS, Tiles, fit_surfaces
+from .tiles import TILE_TEXELS, Tiles, find_residual2
 
 _Index = TypeVar("_Index", bound=np.integer[Any])
 
@@ -97,7 +97,7 @@ def find_misfit(value: Float64, variance: Float64) -> Float64:
 
     value, variance   (m * 64,) float64, W/m^2 and its square, of quads
     """
-    off2 = fit_surfaces(value.reshape(-1, TILE_TEXELS))[1]
+    off2 = find_residual2(value.reshape(-1, TILE_TEXELS))
     misfit2: Float64 = np.maximum(off2 - variance.reshape(-1, TILE_TEXELS).mean(axis=1), 0.0)
     return misfit2
 

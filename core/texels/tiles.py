@@ -16,10 +16,6 @@ TILE_SIDE = 1 << _SIDE_BITS
 TILE_TEXELS = TILE_SIDE**2
 TILE_LINES = (0, 3, 7)  # columns and rows of a tile at whose crossings are the nodes of the interpolation
 _PLACE_BITS = 14  # of a tile's column or row in a page
-_SMOOTHED = 4.0  # the filter, over at most 81 similar neighbours, lowers a standard error by this factor, a conservative one; measured
-# Further factor where the light is even, and the greatest variance of the fitted surface, relative to the noise's, at which that holds:
-# in a plane a texel and the edge of the window around it then differ by at most a texel's standard error.
-_GENTLE, _ALL_ALIKE = 2.0, 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -93,36 +89,13 @@ def find_tiles(chart: IntArray, code: IntArray) -> Int64:
     return whole
 
 
-def find_calm(value: Float64, allowed: Float64, by_slope: bool = False, least: Float64 | float = 0.0) -> NDArray[np.bool_]:
-    """(k,) bool: tiles in which light is so smooth that the filter will average the texels' noise.
-
-    The rule is the mean squared residual from a quadratic surface, noise included, of a whole tile: stopping a texel by its own few samples
-    would bias it.
-
-    value      (k, 64) float64, W/m^2, of the tiles' texels in Morton order
-    allowed    (k,) float64, W/m^2: standard error allowed after the filter
-    by_slope   allows more noise where the light's slope is less than the noise, as on large pages, where the filter finds more neighbours
-    least      (k,) float64, (W/m^2)^2: lower bound of a texel's squared residual
+def find_residual2(value: Float64) -> Float64:
+    """(k,) float64: squared residual per degree of freedom of least-squares quadratic surfaces of values (k, 64) of tiles' texels, in
+    Morton order.
     """
-    fitted, off2 = fit_surfaces(value)
-    smoothed2: Float64 | float = _SMOOTHED**2
-    if by_slope:
-        change2 = (fitted[:, 1:] ** 2).sum(axis=1) / TILE_TEXELS
-        alike2 = np.divide(_ALL_ALIKE * np.maximum(off2, 0.0), change2, out=np.full(len(off2), np.inf), where=change2 > 0.0)
-        smoothed2 = smoothed2 * np.clip(_GENTLE**2 * np.sqrt(alike2), 1.0, _GENTLE**2)
-    out: NDArray[np.bool_] = np.maximum(off2, least) <= smoothed2 * allowed**2
-    return out
-
-
-def fit_surfaces(value: Float64) -> tuple[Float64, Float64]:
-    """Least-squares quadratic surfaces of values (k, 64) of tiles' texels in Morton order.
-
-    out   (k, 6) float64: coefficients in TILE_SURFACES, the constant first; (k,) float64: squared residual per degree of freedom
-    """
-    fitted = value @ TILE_SURFACES
-    off2: Float64 = (value**2).sum(axis=1) - (fitted**2).sum(axis=1)
-    off2 /= TILE_TEXELS - TILE_SURFACES.shape[1]
-    return fitted, off2
+    off2: Float64 = (value**2).sum(axis=1) - ((value @ _SURFACES) ** 2).sum(axis=1)
+    off2 /= TILE_TEXELS - _SURFACES.shape[1]
+    return off2
 
 
 def _node_weights() -> Float64:
@@ -134,7 +107,7 @@ def _node_weights() -> Float64:
     return out
 
 
-def _surfaces() -> Float64:
+def _find_surfaces() -> Float64:
     """(64, 6) float64: the polynomials of degree 2 at the texels of a tile, in Morton order; orthonormal."""
     x, y = (place / (TILE_SIDE - 1) - 0.5 for place in part_bits(np.arange(TILE_TEXELS)))
     out: Float64 = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))[0]
@@ -149,7 +122,7 @@ def _texels_at(x: IntArray, y: IntArray) -> Int64:
     return out
 
 
-TILE_SURFACES = _surfaces()
+_SURFACES = _find_surfaces()
 TILE_CORNERS = _texels_at(np.array([0, TILE_SIDE - 1, 0]), np.array([0, 0, TILE_SIDE - 1]))
 TILE_NODES = _texels_at(np.tile(TILE_LINES, len(TILE_LINES)), np.repeat(TILE_LINES, len(TILE_LINES)))
 NODE_WEIGHTS = _node_weights()

@@ -43,7 +43,6 @@ MECHANISMS = {
     "tiles": "tiles of 8 x 8 texels share their first look at a light",
     "block_agreement": "the first rays of 16 neighbours have to agree before any of them stops",
     "dark_leaders": "of neighbours that see nothing of a light one goes on for all",
-    "filter_tolerance": "rays leave more noise where the filter will take it",
     "reference_level": "shadow rays stop by the error beside all light, indirect light included",
     "dark_level": "below a sky, shadow rays stop at an absolute error in dark places",
     # indirect light by rays

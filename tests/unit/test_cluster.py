@@ -216,7 +216,7 @@ def test_a_later_bake_of_the_same_scene_is_told_anew_where_photons_part(farm, tm
 
 def test_a_sentence_of_a_shard_comes_through(farm, tmp_path):
     prepare_folder(tmp_path, replace(lamp_scene(), lights=()), SETTINGS)
-    shard = texel_shards.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1, smoothed=False)
+    shard = texel_shards.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(9), tolerance=0.1)
     with cluster.connect(farm.address) as executor, pytest.raises(ValueError, match="the scene has no light: add"):
         executor.submit(texel_shards.light_texels, shard).result()
 
@@ -281,5 +281,5 @@ def test_a_digest_is_seen_only_where_what_it_is_of_is_seen(tmp_path, monkeypatch
 
 @pytest.mark.parametrize(("view", "fields"), [("", ["tracing"]), ("there", ["tracing", "view"])])
 def test_folders_are_sent_of_what_a_shard_names(view, fields):
-    shard = texel_shards.DirectShard("here", seed=1, turn=0, start=0, texels=range(4), tolerance=0.1, smoothed=True, view=view)
+    shard = texel_shards.DirectShard("here", seed=1, turn=0, start=0, texels=range(4), tolerance=0.1, view=view)
     assert cluster._folder_fields(shard) == fields

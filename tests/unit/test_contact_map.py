@@ -387,7 +387,7 @@ def test_a_texel_that_sees_past_a_wall_tells_nothing_of_its_neighbours(tmp_path,
     shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
     shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
     every = np.arange(len(cut.texel_chart))
-    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
+    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02)
     found = texel_shards.light_texels(shard)
     light = found.irradiance_rgb[:, 0]
     folders.forget_folders()
@@ -408,7 +408,7 @@ def test_texels_at_both_feet_of_a_wall_tell_nothing_of_each_other(tmp_path, seed
     shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
     shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
     every = np.arange(len(cut.texel_chart))
-    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02, smoothed=True)
+    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02)
     light = texel_shards.light_texels(shard).irradiance_rgb[:, 0]
     folders.forget_folders()
     position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])

@@ -22,7 +22,6 @@ SUN = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
 PANEL = Light("AREA", "Panel", position_m=(0.5, 0.5, 4.0), size_m=(1.0, 1.0), power_rgb=(2.0, 1.0, 0.0))
 BULB = Light("POINT", "Bulb", position_m=(0.3, 0.4, 4.0), power_rgb=(4.0, 2.0, 0.0))
 SPOT = replace(BULB, kind="SPOT", cone_angle_rad=0.15, blend=0.3)
-PENUMBRA = lit_scene([box_mesh("Block", (4.0, 4.0, 0.1), (2.5, 0.5, 3.5))], [PANEL])  # its edge's shadow is wider than the floor
 
 
 def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, tiles: Tiles | None = None, **options: float) -> DirectLight:
@@ -124,21 +123,3 @@ class TestShadows:
         noise = math.sqrt(shared.var() / len(shared) + alone.var() / len(alone))
         assert noise < 0.05 * alone.mean()
         assert abs(shared.mean() - alone.mean()) < sigma_limit(1) * noise
-
-
-class TestGentleLight:
-    def test_noise_is_left_for_smoothing(self):
-        rough, smooth = (light_floor(PENUMBRA, tolerance=0.025, smoothed=smoothed) for smoothed in (False, True))
-        assert smooth.counters["rays"] < 0.5 * rough.counters["rays"]
-        assert smooth.irradiance_rgb.mean() == pytest.approx(rough.irradiance_rgb.mean(), rel=0.01)
-        assert smooth.variance_rgb.mean() > 2 * rough.variance_rgb.mean()
-
-    def test_but_not_of_edges(self):
-        """Shadows too hard for a surface of degree two over a tile."""
-        scene = lit_scene([box_mesh("Block", (0.3, 0.3, 0.02), (0.5, 0.5, 0.05))], [PANEL])
-        rough, smooth = (light_floor(scene, tolerance=0.025, smoothed=smoothed).counters["rays"] for smoothed in (False, True))
-        assert smooth > 0.9 * rough
-
-    def test_nor_where_less_noise_is_wanted(self):
-        rough, smooth = (light_floor(PENUMBRA, tolerance=0.001, smoothed=smoothed).counters["rays"] for smoothed in (False, True))
-        assert smooth > 0.95 * rough

@@ -217,21 +217,6 @@ def test_tiles_choose_what_is_seen_from_them():
     assert np.median(together.variance_rgb) < 1.3 * np.median(alone.variance_rgb)
 
 
-def test_tiles_take_few_rays_where_their_noise_is_smoothed():
-    """The same light on the mean, with an honest error, from fewer rays."""
-    scene, _, _ = prepare(lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(6)))
-    tiles = floor_tiles(SIDE)
-    plain = light_floor(scene, tolerance=0.04)
-    runs = [light_floor(scene, seed, tolerance=0.04, tiles=tiles, smoothed=True) for seed in range(12)]
-    assert runs[0].counters["rays"] < 0.8 * plain.counters["rays"]
-    first = [light_floor(scene, tolerance=10.0, **options).counters["rays"] for options in ({"tiles": tiles, "smoothed": True}, {})]
-    assert first[1] - first[0] > 0.7 * (16 - 4) * SIDE**2  # alone a texel begins with 16: of 4 hardly one may meet what lights it
-    values = np.stack([run.irradiance_rgb[:, 0] for run in runs])
-    assert values.mean() == pytest.approx(light_floor(scene, tolerance=0.0).irradiance_rgb[:, 0].mean(), rel=0.003)
-    stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
-    assert 0.4 < values.var(axis=0, ddof=1).mean() / stated < 1.6
-
-
 def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():
     """Lamps 2 mm over the floor whose one radiance comes from a texture: its points would be cut off there, the closed form is not."""
     lamps = [moved(quad_mesh(f"Lamp {i}", 0.2, 0.2), (0.1 + 0.3 * (i % 3), 0.1 + 0.3 * (i // 3), 0.002)) for i in range(9)]

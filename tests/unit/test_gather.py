@@ -10,7 +10,6 @@ from boxes import make_solver, room_mesh
 from floors import sigma_limit
 from leaflight.core.integrate import gather, texel_shards
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.texels.tiles import Tiles
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
@@ -32,12 +31,11 @@ def know(solver, light, direct, doubt, on_sides=0.0):
     return gather.KnownLight(light, direct, doubt, np.full((3, n_cell), on_sides, np.float32), np.zeros(n_cell, np.float32))
 
 
-def gather_known(solver, known, texel=None, tolerance=0.01, seed=1, smoothed=True):
+def gather_known(solver, known, texel=None, tolerance=0.01, seed=1):
     texels = solver.tracing.texels
     texel = np.arange(len(texels.texel_chart)) if texel is None else texel
-    tiles = Tiles.of(texels.texel_chart[texel], texels.texel_code[texel])
     scene, rng = texel_shards._open_gather_scene(str(solver.folder)), np.random.default_rng(seed)
-    return gather.gather_light(scene, known, texel, rng, tolerance, tiles, smoothed)
+    return gather.gather_light(scene, known, texel, rng, tolerance)
 
 
 def places_of(solver):
@@ -123,15 +121,14 @@ def test_light_that_is_known_besides_makes_texels_content_with_fewer_rays(tmp_pa
     x, y, z = places_of(solver).T
     upper = np.arange(len(x) // 2, len(x))
 
-    def count_rays(bright, smoothed=True, tolerance=0.01):
+    def count_rays(bright):
         direct = np.zeros((len(x), 3), np.float32)
         direct[bright] = 1e4
         known = know(solver, np.float32([x, y, z]), direct, np.zeros(len(x), np.float32))
-        return gather_known(solver, known, upper, tolerance, smoothed=smoothed).counters["rays"] / len(upper)
+        return gather_known(solver, known, upper).counters["rays"] / len(upper)
 
     assert count_rays(upper) == 4
     assert count_rays(slice(0, upper[0])) > 8
-    assert count_rays(slice(0, 0), smoothed=False, tolerance=0.05) > 1.2 * count_rays(slice(0, 0), tolerance=0.05)
 
 
 @pytest.mark.parametrize("above", [True, False])

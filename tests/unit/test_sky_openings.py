@@ -95,7 +95,7 @@ class TestLight:
         hatch = (0.1, 0.3, 0.9, 1.0)
         scene, truth = roofed(hatch), through(hatch)
         dim = truth < np.quantile(truth, 0.25)
-        found = np.array([light_floor(scene, seed, tolerance=0.025, smoothed=True).irradiance_rgb[:, 0] for seed in range(16)])
+        found = np.array([light_floor(scene, seed, tolerance=0.025).irradiance_rgb[:, 0] for seed in range(16)])
         for part, most in ((np.ones(SIDE**2, bool), 0.006), (dim, 0.021)):
             mean = found[:, part].mean(axis=1) / truth[part].mean()
             noise = mean.std() / math.sqrt(len(mean))

@@ -67,7 +67,7 @@ class TestGathering:
         assert value[128:].mean() == pytest.approx(5, abs=0.05)
 
     def test_rows_that_found_nothing_by_chance_go_on_where_more_is_foreseen(self):
-        """One ray in 500 finds all of the light: alone, and in tiles that are left to smoothing."""
+        """One ray in 500 finds all of the light."""
         rng, chance, rows = np.random.default_rng(3), 2e-3, np.arange(64 * 64)
 
         def gather(rows, span):
@@ -75,13 +75,12 @@ class TestGathering:
             return np.repeat(value[..., None], 3, axis=2), value.size
 
         foreseen = np.ones(len(rows)), np.full(len(rows), 1 / chance)
-        for smoothed in (np.zeros((0, 64), np.int64), rows.reshape(-1, 64)):
-            demand, base, told, alone = Demand(0.05, smoothed=smoothed), np.zeros((len(rows), 3)), [], []
-            for _ in range(16):
-                value, _, traced = gather_until_sure(gather, rows, demand, base, foreseen=foreseen)
-                assert traced == 64 * len(rows)
-                told.append(value.mean())
-                alone.append(gather_until_sure(gather, rows, demand, base)[0].mean())
-            noise = np.sqrt(1 / chance / 64 / len(rows) / 16)
-            assert np.mean(told) == pytest.approx(1.0, abs=3 * noise)
-            assert np.mean(alone) < 1.0 - 5 * noise  # which is what it is for
+        demand, base, told, alone = Demand(0.05), np.zeros((len(rows), 3)), [], []
+        for _ in range(16):
+            value, _, traced = gather_until_sure(gather, rows, demand, base, foreseen=foreseen)
+            assert traced == 64 * len(rows)
+            told.append(value.mean())
+            alone.append(gather_until_sure(gather, rows, demand, base)[0].mean())
+        noise = np.sqrt(1 / chance / 64 / len(rows) / 16)
+        assert np.mean(told) == pytest.approx(1.0, abs=3 * noise)
+        assert np.mean(alone) < 1.0 - 5 * noise  # which is what it is for

@@ -12,7 +12,7 @@ SETTINGS = Settings(size=32, padding=1)
 
 def test_a_direct_shard_is_a_pure_function_and_takes_its_texels_only(tmp_path):
     _, texel_map = prepare_folder(tmp_path, lamp_scene(), SETTINGS)
-    shard = texel_shards.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01, smoothed=False)
+    shard = texel_shards.DirectShard(str(tmp_path), seed=1, turn=0, start=0, texels=np.arange(10, 60), tolerance=0.01)
     light = texel_shards.light_texels(shard)
     assert light.irradiance_rgb.shape == (50, 3)
     assert light.irradiance_rgb.dtype == light.variance_rgb.dtype == np.float32
