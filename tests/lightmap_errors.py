@@ -73,8 +73,10 @@ def measure_errors(value: np.ndarray, first: np.ndarray, second: np.ndarray, noi
 
 
 def reference_noise(first: np.ndarray, second: np.ndarray) -> float:
-    """The `rel` that the mean of both renderings has of its own noise."""
+    """The `rel` that the mean of both renderings has of its own noise. Raises ValueError where nothing is lit."""
     lit = find_lit(first, second)
+    if not lit.any():
+        raise ValueError("No texel of the renderings is lit: give the scene a light, or leave it out.")
     first, second = (light[lit].astype(np.float64) for light in (first, second))
     mean, half = (first + second) / 2.0, (first - second) / 2.0
     local = local_differences(first, first, second)

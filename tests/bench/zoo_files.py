@@ -21,9 +21,11 @@ _DIFFUSE = ("BSDF_PRINCIPLED", "BSDF_DIFFUSE")
 
 def choose_objects() -> list[Any]:
     """Of the open scene, the largest first."""
+    from leaflight.addon.read.render_levels import find_render_objects
+
     found = []
-    for obj in bpy.context.view_layer.objects:
-        if obj.type != "MESH" or obj.hide_render or not obj.visible_get() or obj.library:
+    for obj in find_render_objects(bpy.context.view_layer):
+        if obj.type != "MESH" or not obj.visible_get() or obj.library:
             continue
         scale = abs(obj.matrix_world.determinant()) ** (2.0 / 3.0)
         area = scale * sum(polygon.area for polygon in obj.data.polygons)

@@ -76,3 +76,8 @@ def test_local_differences_are_relative_to_brightness():
     truth = np.full((10, 3), 2.0)
     truth[5:] = 0.0
     np.testing.assert_allclose(local_differences(truth + 0.1, truth, truth), np.repeat([0.1 / 2.1, 1.0], 5))
+
+
+def test_renderings_without_any_light_have_no_noise_to_measure():
+    with pytest.raises(ValueError, match="No texel"):
+        reference_noise(np.zeros((4, 3)), np.zeros((4, 3)))
