@@ -15,7 +15,12 @@ from leaflight.core.util.settings import Settings
 
 JOB = Job(Settings(), "images", "room")
 WOOD = TextureImage("Wood", np.full((2, 3, 3), 0.5, np.float32), "REPEAT", False)
-SCENE = replace(lamp_scene(), images=(WOOD,), materials=(*lamp_scene().materials, Material("Unused")))
+SCENE = replace(
+    lamp_scene(),
+    images=(WOOD,),
+    materials=(*lamp_scene().materials, Material("Unused")),
+    tri_tangents=np.tile(np.eye(3, dtype=np.float32), (len(lamp_scene().tri_vertex), 3, 1, 1)),
+)
 
 
 def other_value(knob):
