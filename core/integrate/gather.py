@@ -99,10 +99,9 @@ def gather_light(
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
     doubt, n_ray = np.zeros(len(texel), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
-        demand = Demand(tolerance)
         gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
         rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
-        light, error, traced = gather_until_sure(gathering.look, rows, demand, base)
+        light, error, traced = gather_until_sure(gathering.look, rows, Demand(tolerance), base)
         irradiance[part] += light
         variance[part] += error
         doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)

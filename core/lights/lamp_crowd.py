@@ -36,7 +36,7 @@ _MAX_CLUSTERS = 4096  # 32 KB each of a chunk of 2^14 texels
 _MATTERS = 1 / 16  # a lamp of at least this share of a texel's total importance is sampled by itself
 _TOGETHER = 4  # neighbouring texels within a chart that share a pdf
 # Conditions for evaluating the importances once for the four: least length of the mean of their normals, and greatest distance from their
-# mean position, in half diagonals of a texel. That is 1 in a square of four, and 5 where three of four texels are left to the filter.
+# mean position, in half diagonals of a texel. That is 1 in a square of four, and 5 where three of four texels need no more rays.
 _ALIKE, _BESIDE = 0.98, 6.0
 _REGION_BLOCKS = 16  # blocks of texels whose pooled visibility of the lamps is a prior
 _AROUND_RAYS = 4  # weight of that prior, in rays

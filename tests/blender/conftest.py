@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
 import pytest
 from leaflight.addon.app import job
@@ -71,3 +72,17 @@ def empty_file() -> None:
     import bpy  # where there is none, the tests themselves are left out
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
+@pytest.fixture
+def sky(empty_file: None) -> tuple[Any, Any, Any]:
+    """A world of one black background node: the world, its tree, the node."""
+    import bpy
+
+    world = bpy.data.worlds.new("Sky")
+    bpy.context.scene.world = world
+    if world.node_tree is None:
+        world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    return world, world.node_tree, background

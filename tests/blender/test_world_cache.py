@@ -18,14 +18,9 @@ pytestmark = pytest.mark.usefixtures("empty_file")
 
 
 @pytest.fixture
-def background():
+def background(sky):
     """The background node of a world that shows a gradient, which only Cycles can evaluate."""
-    world = bpy.data.worlds.new("Sky")
-    bpy.context.scene.world = world
-    if world.node_tree is None:
-        world.use_nodes = True
-    tree = world.node_tree
-    background = next(node for node in tree.nodes if node.type == "BACKGROUND")
+    _, tree, background = sky
     place, gradient = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeTexGradient")
     tree.links.new(place.outputs["Generated"], gradient.inputs["Vector"])
     tree.links.new(gradient.outputs["Color"], background.inputs["Color"])

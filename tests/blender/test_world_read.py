@@ -15,18 +15,6 @@ pytestmark = pytest.mark.usefixtures("empty_file")
 NODES = {"background": "ShaderNodeBackground", "mix": "ShaderNodeMixShader", "path": "ShaderNodeLightPath"}
 
 
-@pytest.fixture
-def sky():
-    """A world of one black background node: the world, its tree, the node."""
-    world = bpy.data.worlds.new("Sky")
-    bpy.context.scene.world = world
-    if world.node_tree is None:
-        world.use_nodes = True
-    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    background.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
-    return world, world.node_tree, background
-
-
 def read(warnings=None):
     return read_world(bpy.context.scene, [] if warnings is None else warnings)
 
