@@ -14,7 +14,7 @@ pytestmark = pytest.mark.usefixtures("empty_file")
 SIDE = 64
 
 
-def show_image(width=5, height=3, space="sRGB", floating=False, **looks):
+def show_image(width=5, height=3, space="sRGB", floating=False, is_packed=True, **looks):
     """A plane that emits an image of random colours, three times as often; its node."""
     bpy.ops.mesh.primitive_plane_add()
     layer = bpy.context.object.data.uv_layers.active.uv
@@ -24,7 +24,8 @@ def show_image(width=5, height=3, space="sRGB", floating=False, **looks):
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = np.random.default_rng(3).random((height, width, 3))
     image.pixels.foreach_set(pixels.ravel())
-    image.pack()
+    if is_packed:
+        image.pack()
     material = bpy.data.materials.new("Glow")
     if material.node_tree is None:
         material.use_nodes = True
@@ -67,6 +68,7 @@ def bake_emission(tree):
         {"floating": True},
         {"space": "Non-Color"},
         {"width": 1},
+        {"is_packed": False},  # painted, and in no file
     ],
     ids=str,
 )
