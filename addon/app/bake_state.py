@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from ...core.util.messages import Done, Error, Message, Preview, Progress, Status, Warning_
+from ..show.bake_pace import Pace
 from ..show.bake_text import Worn, describe_count, describe_percent, describe_seconds, summarize
 from .bake_bar import Bar
 
@@ -150,12 +151,12 @@ class BakeState:
             self.discarded = True
             self._process.kill()
 
-    def end(self, error: str = "", result: dict[str, Any] | None = None) -> None:
-        """The bake is over; its folder is no longer needed."""
+    def end(self, error: str = "", result: dict[str, Any] | None = None, earlier: Pace | None = None) -> None:
+        """The bake is over; its folder is no longer needed. `earlier` as for Worn.of_result."""
         self.error, self.result, self.seconds = error, result, self.elapsed
         self.notice, self._process = "", None
         if result is not None:
-            self.worn[self.scene] = Worn.of_result(result, self.seconds, self.stage, self.warnings)
+            self.worn[self.scene] = Worn.of_result(result, self.seconds, self.stage, self.warnings, earlier)
 
     def _hear(self, message: Message) -> Done | Error | None:
         match message:

@@ -9,7 +9,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ...core.atlas import even_out
 from ...core.atlas.packing import Page
 from ...core.atlas.page_plan import ChartDemand, count_full_pages, count_usual_texels, find_page_size, is_one_enough, plan_pages
 from ...core.util.settings import MAX_PAGE_SIZE_TEXELS, Settings
+from ..show.bake_pace import Pace
 
 _MUCH, _NAMED = 0.2, 3  # of all texels: who takes so many is named, of so many objects at most
 _CORE_MB, _WORKER_MB = 250.0, 90.0
@@ -75,44 +75,6 @@ class Estimate:
     nearly: tuple[str, ...] = ()
     takers: tuple[tuple[str, float], ...] = ()
     evened: tuple[tuple[str, float], ...] = ()
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How the last bake of the scene went.
-
-    around_s   that Blender took before and after the core's work: whoever waits counts them, too
-    """
-
-    texels: int
-    photons: int
-    error: float
-    error_of: str
-    photon_s: float
-    other_s: float
-    around_s: float = 0.0
-
-    @classmethod
-    def of_result(cls, result: dict[str, Any] | None, waited_s: float = 0.0) -> Pace | None:
-        """The pace behind the result file of a bake that was waited for so long.
-
-        None without one, or where it tells too little: a bake that was kept, or gone on with.
-        """
-        if (
-            result is None
-            or result["resumed"]
-            or result["skipped"]["bake"]
-            or not math.isfinite(result["estimated_error"])
-            or result["estimated_error"] <= 0.0
-        ):
-            return None
-        texels = sum(row["texels"] for row in result["objects"])
-        photon_s = result["seconds"].get("photons", 0.0)
-        total_s = sum(result["seconds"].values())
-        around_s = max(waited_s - total_s, 0.0)
-        if not texels:
-            return None
-        return cls(texels, result["photons"], result["estimated_error"], result["error_of"], photon_s, total_s - photon_s, around_s)
 
 
 def estimate_bake(

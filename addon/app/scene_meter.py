@@ -19,9 +19,11 @@ from ...core.atlas.chart_guess import guess_charts
 from ...core.util.threads import count_usable
 from ..read.object_settings import read_choice
 from ..read.render_levels import find_hidden_instances
+from ..show.bake_text import Worn
 from ..show.images import check_shown
+from ..show.layout import worn_result
 from ..show.redraw import redraw
-from .estimate import Estimate, Measured, Pace, estimate_bake
+from .estimate import Estimate, Measured, estimate_bake
 from .properties import make_settings
 from .request import can_be_baked, list_objects
 
@@ -96,10 +98,14 @@ class SceneMeter:
             return True
         layer = context.scene.leaflight.uv_layer
         own_layers = sum(obj.type == "MESH" and layer in obj.data.uv_layers for obj in objects) if layer else 0
-        state = context.window_manager.leaflight_state
-        pace = Pace.of_result(state.result, state.seconds)
-        self.estimate = estimate_bake(rows, settings, own_layers, count_usable(), pace)
+        self.estimate = estimate_bake(rows, settings, own_layers, count_usable(), find_worn(context).pace)
         return True
+
+
+def find_worn(context: bpy.types.Context) -> Worn:
+    """What is known of the scene's bake: from the .blend, which undo changes too, or from this Blender."""
+    state = context.window_manager.leaflight_state
+    return worn_result(context.scene) or state.worn.get(context.scene.session_uid, Worn())
 
 
 def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[float, int, float, int]:
@@ -168,11 +174,11 @@ def _measure_corners(corner: NDArray[np.float64]) -> tuple[float, float]:
 
 def _read_key(context: bpy.types.Context) -> tuple[Any, ...]:
     """What the estimate depends on besides the objects."""
-    chosen, state = context.scene.leaflight, context.window_manager.leaflight_state
+    chosen = context.scene.leaflight
     names = ("objects", "uv_layer", "size", "density", "atlas", "padding", "error", "max_photons", "time_limit", "workers")
     told = ("main_pass", "formats", "view_transform", "name_pattern")  # what may be wrong
     values = (getattr(chosen, name) for name in (*names, *told))
-    return (context.scene.session_uid, context.view_layer.name, id(state.result), *values)
+    return (context.scene.session_uid, context.view_layer.name, find_worn(context).pace, *values)
 
 
 def _tick() -> float | None:

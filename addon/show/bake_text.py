@@ -6,6 +6,8 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from .bake_pace import Pace
+
 _REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
 
 _MATTERS = 0.005  # more error than the whole's, for an object to be named
@@ -19,19 +21,28 @@ class Worn:
     warnings   (subject, sentence)
     worst      name of the object that one of the lines is about, "" where none is
     details    lines for those who want to know more
+    pace       of the last bake of the scene that says how long the next will take
     """
 
     lines: tuple[str, ...] = ()
     warnings: tuple[tuple[str, str], ...] = ()
     worst: str = ""
     details: tuple[str, ...] = ()
+    pace: Pace | None = None
 
     @classmethod
-    def of_result(cls, result: dict[str, Any], seconds: float, kept: str, warnings: list[tuple[str, str]]) -> Worn:
-        """Of the core's result; `kept` is the sentence in place of the time where nothing had to be baked."""
+    def of_result(
+        cls, result: dict[str, Any], seconds: float, kept: str, warnings: list[tuple[str, str]], earlier: Pace | None = None
+    ) -> Worn:
+        """Of the core's result.
+
+        kept      the sentence in place of the time where nothing had to be baked
+        earlier   the pace of the bake before it, where this one has none
+        """
         leaves, photons = result["leaves"], result["photons"]
         details = f"{leaves:,} {'leaf' if leaves == 1 else 'leaves'}", f"{describe_count(photons)} photons"
-        return cls(tuple(summarize(result, seconds, kept)), tuple(warnings), find_worst(result), details)
+        pace = Pace.of_result(result, seconds) or earlier
+        return cls(tuple(summarize(result, seconds, kept)), tuple(warnings), find_worst(result), details, pace)
 
     def encode(self) -> str:
         """As text that a .blend can keep."""
@@ -44,7 +55,7 @@ class Worn:
             kept = json.loads(text)
             warnings = tuple((str(subject), str(sentence)) for subject, sentence in kept["warnings"])
             lines, details = (tuple(str(line) for line in kept[name]) for name in ("lines", "details"))
-            return cls(lines, warnings, str(kept["worst"]), details)
+            return cls(lines, warnings, str(kept["worst"]), details, Pace.of_fields(kept.get("pace")))
         except (ValueError, KeyError, TypeError):
             return cls()
 

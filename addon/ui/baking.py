@@ -22,6 +22,7 @@ from ..app.bake_state import READING_SCENE, BakeState
 from ..app.job import BakeProcess
 from ..app.preparation import Preparation
 from ..app.request import find_mode_error, find_output_error, make_request
+from ..app.scene_meter import find_worn
 from ..show.layout import mark_result
 from ..show.redraw import redraw
 from ..show.shown_pages import note_pages
@@ -149,6 +150,7 @@ class Baking:
         self._ended: Done | Error | None = None
         self._live: live.LiveView | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
+        self._pace = find_worn(context).pace
         # Undo and opening a file make references invalid: only names and numbers are kept.
         self._scene_uid, self._view_layer = context.scene.session_uid, context.view_layer.name
         try:
@@ -221,7 +223,7 @@ class Baking:
         except (ValueError, OSError) as reason:
             error = str(reason)
         finally:  # a fault of ours goes on to Blender's console, but leaves no bake that runs for ever
-            state.end(error, result)
+            state.end(error, result, self._pace)
             self._live.take_off()
             self._clean_up(context)
         scene = self._find_scene()

@@ -7,18 +7,12 @@ from typing import Any
 import bpy
 
 from ...core.util.user_text import Sentence
-from ..app.bake_state import BakeState
 from ..app.request import find_output
 from ..app.spare_images import draw_spare
 from ..show import layout, restore, view_shading
 from ..show.bake_text import Worn
 from ..show.scene_prints import describe_changes
 from .panel_parts import draw_sentence, draw_subjects
-
-
-def find_worn(context: bpy.types.Context, state: BakeState) -> Worn:
-    """What is known of the scene's bake: from the .blend, which undo changes too, or from this Blender."""
-    return layout.worn_result(context.scene) or state.worn.get(context.scene.session_uid, Worn())
 
 
 def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:

@@ -12,13 +12,13 @@ from ...core.util.user_text import Sentence, group_warnings, split_error
 from ..app.bake_state import BakeState
 from ..app.properties import TEXTS, is_changed, list_groups, list_knobs
 from ..app.request import find_mode_error, find_output_error
-from ..app.scene_meter import SceneMeter
+from ..app.scene_meter import SceneMeter, find_worn
 from ..show import restore, view_shading
 from ..show.layout import worn_result
 from . import preferences
 from .checker import is_checker_on
 from .panel_parts import describe_estimate, describe_evened, describe_takers, draw_sentence, draw_subjects, prepare
-from .panel_result import draw_result, draw_show_it, find_worn
+from .panel_result import draw_result, draw_show_it
 from .presets import LEAFLIGHT_PT_presets
 from .select_operator import is_known
 
@@ -49,7 +49,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
         row = layout.row()
         row.enabled = not state.running
         row.prop(context.scene.leaflight, "objects", expand=True)
-        worn, has_bake = find_worn(context, state), restore.has_bake(context.scene)
+        worn, has_bake = find_worn(context), restore.has_bake(context.scene)
         now = "" if state.running else find_output_error(context.scene.leaflight.output)
         if state.running:
             _draw_bar(layout, state)

@@ -120,6 +120,10 @@ def test_a_file_that_is_opened_again_wears_what_it_was_saved_with(first, tmp_pat
     assert look() == first
     assert "1 page of 48 x 48 texels" in worn_result(bpy.context.scene).lines
     assert worn_folder(bpy.context.scene) == tmp_path / "maps"
+    meter = bpy.context.window_manager.leaflight_meter
+    meter.measure(bpy.context)
+    least_s, most_s = meter.estimate.seconds
+    assert least_s == most_s, "it knows how long the last bake took"
 
 
 def test_the_newest_bake_has_the_names_that_users_rely_on(tmp_path):

@@ -1,7 +1,8 @@
 """What the panel tells before a bake, from areas."""
 
 import pytest
-from leaflight.addon.app.estimate import Measured, Pace, estimate_bake
+from leaflight.addon.app.estimate import Measured, estimate_bake
+from leaflight.addon.show.bake_pace import Pace
 from leaflight.core.util.settings import Settings
 
 RESULT = {
@@ -141,7 +142,6 @@ def test_where_each_object_is_to_be_right_it_takes_more_and_no_other_bake_tells_
 def test_a_bake_that_tells_too_little_has_no_pace(changes):
     assert Pace.of_result(RESULT) is not None
     assert Pace.of_result(RESULT | changes) is None
-    assert Pace.of_result(None) is None
 
 
 # Of docs/samples/README.md, but for triangles: texels, triangles, seconds in all. Two cores.

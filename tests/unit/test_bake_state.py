@@ -1,6 +1,7 @@
 """The state behind the panel, driven by a process that only talks."""
 
 import dataclasses
+import json
 import math
 import threading
 
@@ -13,7 +14,9 @@ RESULT = {
     "stopped_by": "error",
     "estimated_error": 0.048,
     "error_of": "bake",
-    "objects": [{"name": "Floor", "estimated_error": 0.04}],
+    "objects": [{"name": "Floor", "estimated_error": 0.04, "texels": 900}],
+    "seconds": {"photons": 3.0},
+    "resumed": False,
     "leaves": 1234,
     "photons": 2_500_000,
     "pages": 2,
@@ -180,13 +183,27 @@ def test_result_tells_why_it_stopped():
 
 
 def test_what_is_said_of_a_bake_comes_back_from_the_file():
-    worst = [{"name": "Floor", "estimated_error": 0.04}, {"name": "Chair 2", "estimated_error": 0.383}]
+    worst = [{"name": "Floor", "estimated_error": 0.04, "texels": 9}, {"name": "Chair 2", "estimated_error": 0.383, "texels": 9}]
     worn = Worn.of_result(RESULT | {"objects": worst}, 9.0, "", [("A", "is too small")])
     assert worn.lines == ("Baked in 9 s", "Error 4.8 %", "Worst object: Chair 2, 38 %", "2 pages of 512 x 512 texels")
     assert worn.worst == "Chair 2"
     assert Worn.decode(worn.encode()) == worn
     for text in ("", "[]", '{"lines": 3}', '{"lines": [], "details": [], "worst": "", "warnings": [1]}'):
         assert Worn.decode(text) == Worn()
+
+
+def test_the_pace_of_a_bake_comes_back_from_the_file_if_it_is_one():
+    worn = Worn.of_result(RESULT, 9.0, "", [])
+    assert worn.pace is not None
+    assert Worn.decode(worn.encode()).pace == worn.pace
+    fields = json.loads(worn.encode())
+    for damage in ({"texels": 0}, {"error": math.nan}, {"photon_s": -1.0}, {"other_s": "9"}, {"error_of": None}, {"more": 1}):
+        damaged = Worn.decode(json.dumps(fields | {"pace": fields["pace"] | damage}))
+        assert (damaged.lines, damaged.pace) == (worn.lines, None)
+    del fields["pace"]
+    assert Worn.decode(json.dumps(fields)).lines == worn.lines, "what an earlier version saved"
+    kept = Worn.of_result(RESULT | {"skipped": {"bake": 1}}, 0.1, "kept", [], worn.pace)
+    assert kept.pace == worn.pace, "a bake that was not done again says nothing new"
 
 
 def test_numbers_for_a_narrow_panel():
