@@ -1,4 +1,4 @@
-"""What texels of a scene meet along the surface and above it: looks in all ways, by whole tiles where these are clear."""
+"""Search for geometry that texels nearly touch, along the surface and above it; clear tiles are tested as a whole."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Looks:
-    """What entries meet, and patches that tile them: entries, and tiles that nothing touches.
+    """Results of the search at n texel entries. k patches tile them: single entries, and tiles that nothing touches.
 
-    touched    (n,) bool: whether something touches an entry
+    touched    (n,) bool: whether something touches the entry
     start      (k,) int64, ascending: first entry of each patch
     size       (k,) int64: 1 or TILE_TEXELS entries, in Morton order
-    height     (k,) float32, texels: of another thing above patches of one entry; inf of tiles, within which none ends
-    distance   (4, k) float32, texels: to another thing, towards each of WAYS
+    height     (k,) float32, texels: of another thing above the patch; inf for none, and for tiles, within which no cover ends
+    distance   (4, k) float32, texels: to another thing, towards each of WAYS; inf for none
     """
 
     touched: NDArray[np.bool_]
@@ -41,7 +41,7 @@ class Looks:
 
     @classmethod
     def join(cls, parts: Sequence[Looks], say: Say) -> Looks:
-        """Join those of all entries, from parts in order; `say` receives the finished share of the work."""
+        """The results at consecutive ranges of entries, joined; `say` receives the finished share of the work."""
         names = [field.name for field in fields(cls)]
         joined = []
         for k, name in enumerate(names):
@@ -50,13 +50,13 @@ class Looks:
         return cls(*joined)
 
     def of_patches(self, rows: IntArray) -> Looks:
-        """Those of some patches (j,), ascending, and whether all entries are touched."""
+        """Only the patches in rows (j,), ascending; `touched` stays whole."""
         return Looks(self.touched, self.start[rows], self.size[rows], self.height[rows], self.distance[:, rows])
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where looks begin, and what they may meet."""
+    """The scene in which contacts are searched: rays, places of the texels, and which triangles belong together."""
 
     rays: RayScene
     frames: TexelFrames
@@ -67,7 +67,7 @@ class Surroundings:
         return cls(opened.scene.rays, TexelFrames.of(opened, texels), LooseParts(opened.snapshot))
 
     def look(self, part: slice) -> Looks:
-        """What a chunk of entries meets."""
+        """Search at a range of entries."""
         frames, things = self.frames, self.things
         tiles = self._find_clear_tiles(part) - part.start
         leads = np.ones(part.stop - part.start, bool)
@@ -83,7 +83,7 @@ class Surroundings:
         touched = np.zeros(len(leads), bool)
         touched[rows] = (met >= 0).any(axis=0)
         way, row = np.nonzero(met >= 0)
-        own = ~things.are_apart(met[way, row], tri[row])  # a rough or hollow thing stands in its own way
+        own = ~things.are_apart(met[way, row], tri[row])  # the texel's own thing is no contact, as where it is rough or hollow
         single_distance[way[own], row[own]] = np.inf
         distance = np.full((len(WAYS), len(start)), np.inf, np.float32)
         distance[:, single] = single_distance
@@ -108,7 +108,7 @@ class Surroundings:
         return clear_tiles
 
     def are_parted(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
-        """(m,) bool: whether another thing stands between the points of texel entries (m,) and (m,)."""
+        """(m,) bool: whether another thing stands between the points of texel entries one (m,) and other (m,)."""
         frames = self.frames
         pairs = np.stack([one, other])
         is_asked, place = np.zeros(len(frames.texels), bool), np.empty(len(frames.texels), np.int64)
@@ -121,8 +121,9 @@ class Surroundings:
         return parted
 
     def find_ends(self, is_below: NDArray[np.bool_], one: IntArray, other: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(m,) twice, texels: from the points of entries (m,) and (m,) to the edge of what lies on the first, where is_below (m,), else
-        on the other.
+        """(m,) twice, texels: distance of the cover's edge from the points of entries one (m,) and other (m,).
+
+        is_below   (m,) bool: whether the cover lies on `one`, else on `other`
         """
         (position, normal, size), (beside, _, _) = self.frames.find_places(one), self.frames.find_places(other)
         low, high = (np.where(is_below[:, None], *ends) for ends in ((position, beside), (beside, position)))

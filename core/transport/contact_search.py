@@ -1,4 +1,4 @@
-"""Contacts looked for by all processes of a machine, some charts each: none goes over from one chart to another."""
+"""Search for contacts by all processes of a machine, each with whole charts, since no contact spans two charts."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ..util.progress import Watch, unwatched
 from .contact_map import LOOKING, ContactMap, find_contacts, find_in_charts
 from .traced_scene import TracedScene
 
-_LEAST = 1 << 14  # entries of a part: of fewer, what another process opens and hands over takes nearly as long as to look
-_MOST = 1 << 20  # the same; a stop is noticed between them
-_MOST_UNEVEN = 0.75  # share of the largest part: where one chart has nearly all entries, threads share it
-_FOUND = 0.7  # share of LOOKING that ends with find_contacts
+_LEAST = 1 << 14  # entries of a part; with fewer, opening the scene and returning the result take nearly as long as the search
+_MOST = 1 << 20  # entries of a part; a cancelled bake stops between parts
+_MOST_UNEVEN = 0.75  # share of the largest part; where one chart has nearly all entries, threads divide it instead
+_FOUND = 0.7  # progress within LOOKING when find_contacts ends
 
 
 def search_contacts(
     folder: Path, opened: TracedScene, texels: TexelMap, executor: Executor, threads: int, watch: Watch = unwatched
 ) -> ContactMap:
-    """contact_map.find_contacts, to the same bytes for any number of processes; by threads where there is little to do, or no other process
-    that would begin at once.
+    """As contact_map.find_contacts, by several processes; the result is the same for any number of them. Uses threads only where there is
+    little to do or no other process is idle.
 
-    folder    of workers.open_scene, where the map is laid out for the others: it must be saved anew once it has been cut
-    threads   so many
+    folder    of traced_scene.open_scene; the map is saved there for the other processes and must be saved anew once it is cut
+    threads   number of threads where one process does all
     """
     first, *others = split_at_charts(texels.chart_start, executors.count_idle(executor))
     if not others:
@@ -49,9 +49,9 @@ def search_contacts(
 
 
 def split_at_charts(chart_start: Int64, processes: int) -> list[slice]:
-    """Parts of all entries, whole charts each, about as large for each process; one part where that would not pay.
+    """Ranges of entries of about equal size that end between charts; a single range where more would not pay.
 
-    chart_start   (n_chart + 1,) int64, as TexelMap has it
+    chart_start   (n_chart + 1,) int64, as in TexelMap
     """
     count = int(chart_start[-1])
     parts = min(processes * max(-(-count // (processes * _MOST)), 1), count // _LEAST)

@@ -1,4 +1,4 @@
-"""Photons as they leave the lights, and those that no surface holds up."""
+"""Emission of photons, and the rules of their first segment: lamps without shadow, soft falloff, lamps close to a surface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..util.sampling import low_discrepancy_points
 from .emission_cells import BirthCells, find_bins
 
 BATCH = 131_072  # photons in flight; measured with textures and a sky: 16 k is a tenth slower, 128 k a twentieth quicker at most
-_MOST_SURFACES = 1000  # along one way; where rounding holds a photon up at a surface, it ends
+_MOST_SURFACES = 1000  # along one ray; ends a photon that rounding keeps at one surface
 _FARTHEST = np.float32(1e6)  # its square is still finite in float32
 
 Bools: TypeAlias = NDArray[np.bool_]
@@ -26,16 +26,17 @@ _Rows = NDArray[np.float32]
 
 @dataclass
 class Photons:
-    """Photons under way, (3, n) float32 rows: an axis or a channel each.
+    """Photons under way; origin, direction and flux are (3, n) float32, one row per axis or channel.
 
-    soft    (4, n) float32   unit box: soft_radius, soft_offset, the way covered so far, and 1 of a crowded lamp, else 0;
-                             None after the first hit, or if none is soft
-    group   (n,) int32       at emission the bin of BirthCells; later see photon_log.Groups; None where it is not needed
-    power   (3,) float64, W  of all of them together, from their first hit on
-    stops   (n,) bool        newborn: the next photon of the same way is born behind the first surface; None if none is such
-    sky     (n,) bool        newborn: of an even sky; None if none is such
-    mirrored   (n,) bool     by all surfaces since they were born; None if none is such
-    link    (n,) int16       newborn: row of LightLinks of their lamp, -1 of none; None if none is such
+    soft, stops, sky and link hold until the first hit; each optional field is None where it holds for no photon.
+
+    soft       (4, n) float32   unit box: soft_radius, soft_offset, distance covered so far, and 1 for a crowded lamp, else 0
+    group      (n,) int32       at emission the bin of BirthCells; later see photon_log.Groups
+    power      (3,) float64, W  sum of the flux, from the first hit on
+    stops      (n,) bool        does not pass through surfaces, since light_every_surface made another photon behind the next one
+    sky        (n,) bool        comes from an even sky
+    mirrored   (n,) bool        has met specular surfaces only
+    link       (n,) int16       row of LightLinks of the photon's lamp, -1 for none
     """
 
     origin: _Rows
@@ -52,10 +53,10 @@ class Photons:
 
 @dataclass(frozen=True)
 class Arrivals:
-    """Photons at the surfaces that they have met, or at none.
+    """Photons at the surfaces that they have met, if any.
 
-    tri, u, v                (n,), as of rays.Hits
-    direction, flux, group, mirrored   as of Photons
+    tri, u, v                          (n,), as in rays.Hits
+    direction, flux, group, mirrored   as in Photons
     """
 
     tri: NDArray[np.int32]
@@ -67,7 +68,7 @@ class Arrivals:
     mirrored: Bools | None
 
     def only(self, rows: NDArray[np.intp]) -> Arrivals:
-        """Those in some rows (k,), ascending."""
+        """The arrivals in rows (k,), ascending."""
         if len(rows) == len(self.tri):
             return self
         tri, u, v = gather(self.tri, rows), gather(self.u, rows), gather(self.v, rows)
@@ -76,7 +77,7 @@ class Arrivals:
         return Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group, mirrored)
 
 
-def bear_photons(
+def emit_photons(
     emitters: JoinedEmitters,
     cells: BirthCells,
     n_photons: int,
@@ -85,10 +86,10 @@ def bear_photons(
     batch: int = BATCH,
     with_bins: bool = False,
 ) -> Iterator[tuple[Photons, Bools]]:
-    """Batches of new photons, and which of them are a lamp's without shadow.
+    """Batches of new photons, and which of them (n,) come from a lamp without shadow.
 
-    batch    photons, at most
-    with_bins  whether photons carry their bin of emission
+    batch       greatest number of photons in a batch
+    with_bins   whether photons carry their bin of emission
     """
     if n_photons <= 0 or not cells.share.any():
         return
@@ -96,10 +97,10 @@ def bear_photons(
     start = cells.count_births(n_photons, rng.random())
     first_cell = np.searchsorted(cells.emitter, np.arange(len(emitters) + 1))
     of_emitter = start[first_cell]
-    # By a photon of each cell, over one of its emitter that is born evenly.
+    # Power of a photon from each cell over that of an unguided photon of its emitter.
     carried = np.divide(cells.natural, cells.share, out=np.zeros(len(cells)), where=cells.share > 0).astype(np.float32)
     whole = np.flatnonzero(np.diff(first_cell) == 1)
-    carried[first_cell[whole]] = 1  # its photons carry what the emitter does, however many there are
+    carried[first_cell[whole]] = 1  # the only cell of an emitter: its share of photons is divided out below, by emitter_share
     emitter_share = np.bincount(cells.emitter, cells.natural, len(emitters))
     emitter_share[whole] = cells.share[first_cell[whole]]
     per_power = np.divide(total_flux_share / n_photons, emitter_share, out=np.zeros(len(emitters)), where=emitter_share > 0)
@@ -129,9 +130,9 @@ def bear_photons(
 
 
 def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:
-    """Adds a photon for each surface behind the first along the way of the shadowless ones, born just before it; gives the rays it took.
+    """For shadowless photons, add a photon for each further surface along the ray, starting just before it. Returns the number of rays.
 
-    Blender lights whatever faces such a lamp, and what is lit scatters.
+    Blender lights every surface that faces such a lamp, and each of them scatters light.
 
     tri_normal   (3, n_tri) float32
     tri_frame    (3, 3, n_tri) float32   as in photons.TraceScene
@@ -158,7 +159,7 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
             break
         tri = found.tri[hit]
         normal = gather(tri_normal, tri)
-        normal = normal * np.copysign(np.float32(1), (direction * normal).sum(axis=0))  # the side it leaves by
+        normal = normal * np.copysign(np.float32(1), (direction * normal).sum(axis=0))  # on the side that the ray leaves by
         origin = offset_origin(locate_hits(tri_frame, tri, found.u[hit], found.v[hit]), normal)
         covered = covered + found.distance[hit]
     photons.stops = np.concatenate(stops)
@@ -177,32 +178,31 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
 
 
 def soften(photons: Photons, distance: _Rows) -> _Rows:
-    """Flux (3, n) at the first hit by Blender's soft falloff: 0 of photons that come from beside the lamp's disk, as seen from there.
+    """Flux (3, n) at the first hit with Blender's soft falloff: 0 for photons that would miss the lamp's disk, seen from the hit.
 
     distance   (n,) float32, unit box
 
-    Photons fill the cone under which a sphere is seen, the disk that turns to the receiver fills a narrower one of the same radiance:
-    tan = r / d in place of sin. The irradiance facing it falls from 1 / d^2 to 1 / (d^2 + r^2), and near the lamp what the horizon cuts off
-    is that of the disk.
+    Photons fill the cone under which a receiver sees a sphere, sin = r / d. The disk that faces the receiver fills a narrower cone of the
+    same radiance, tan = r / d. So the irradiance falls from 1 / d^2 to 1 / (d^2 + r^2), and near the lamp the horizon cuts the disk.
     """
     flux = photons.flux
     if photons.soft is not None:
         radius, offset, covered, _ = photons.soft
         along = np.minimum(distance + covered, _FARTHEST)
-        # tan = offset / along; all of a light that is not soft is kept, however near.
+        # tan = offset / along; photons of a light that is not soft are all kept, however near.
         kept = offset * np.sqrt(along * along + offset * offset) <= np.abs(radius) * along
         flux = flux * np.where(radius < 0, along <= -radius, kept)
     return flux
 
 
 def find_hidden(photons: Photons, distance: _Rows, rays: RayScene, passes: Bools | None = None) -> tuple[Bools, int]:
-    """Which photons (n,) start in front of a part of their lamp's disk that is behind a surface, and how many rays that took.
+    """Photons (n,) of crowded lamps for which a surface hides the point of the lamp's disk that they stand for; and the number of rays.
 
     distance   (n,) float32, unit box: to the first hit
-    passes     (n_tri,) bool: triangles that let light of lamps pass, and hide nothing; None is none
+    passes     (n_tri,) bool: triangles that let light of lamps pass, so that they hide nothing; None for none
 
-    A photon's origin is on the disk across its own direction. The disk that turns to the receiver lies offset^2 / way behind that, and
-    between both may be the wall that the lamp is nearer to than its radius.
+    A photon starts on the disk perpendicular to its own direction. The disk that faces the receiver lies offset^2 / distance behind that
+    point, and a wall that is nearer to the lamp than its radius may stand between both.
     """
     hidden = np.zeros(len(distance), bool)
     if photons.soft is None or not photons.soft[3].any():
@@ -221,7 +221,7 @@ def find_hidden(photons: Photons, distance: _Rows, rays: RayScene, passes: Bools
 
 
 def join_waves(waves: list[Photons]) -> list[Photons]:
-    """The same photons, all of which have met a surface, in as few waves as they fit in: numpy is slow on short arrays."""
+    """The same photons in fewer waves, since numpy is slow on short arrays; all of them have met a surface."""
     if len(waves) < 2:
         return waves
     ends = np.cumsum([photons.flux.shape[1] for photons in waves]) // BATCH
@@ -230,7 +230,7 @@ def join_waves(waves: list[Photons]) -> list[Photons]:
 
 
 def join_photons(waves: list[Photons]) -> Photons:
-    """One wave of several, all of which have met a surface."""
+    """The photons of several waves in one; all of them have met a surface."""
     origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
     numbers = [one.group for one in waves if one.group is not None]
     power = np.sum([one.power for one in waves], axis=0)

@@ -1,4 +1,4 @@
-"""Cells of the random numbers of emission, each with a share of the photons."""
+"""Cells of the unit cube of random numbers from which photons are emitted, each with a share of the photons."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-DIMENSIONS = 4  # of the numbers that an emitter takes
+DIMENSIONS = 4  # random numbers per emitted photon
 SLICE_BITS = 3
-SLICES = 1 << SLICE_BITS  # of a cell along each dimension, in which photons are tallied
+SLICES = 1 << SLICE_BITS  # per cell along each dimension; photons are tallied in them
 BINS = SLICES**DIMENSIONS
 _BELOW_ONE = np.float32(1 - 2.0**-24)  # where a sum of float32 would round to 1
 
 
 @dataclass(frozen=True)
 class BirthCells:
-    """Boxes that tile the random numbers of every emitter, ascending by emitter; photons of a cell share its power.
+    """Boxes that tile each emitter's unit cube of random numbers, ascending by emitter; the photons of a cell share its power equally.
 
     emitter   (c,) int32
     low       (c, 4) float32   lower corner
     side      (c, 4) float32
-    natural   (c,) float64     probability without guiding, at equal power of all photons
+    natural   (c,) float64     probability without guiding, where all photons have equal power
     share     (c,) float64     probability, > 0 where natural is
     """
 
@@ -45,16 +45,16 @@ class BirthCells:
         return len(self.emitter)
 
     def count_births(self, number: int, shift: float) -> NDArray[np.int64]:
-        """(c + 1,) int64: where the photons of each cell begin among `number` in order, and the end of the last.
+        """(c + 1,) int64: index of each cell's first photon among `number` photons in order of cells, and the end of the last.
 
-        Each cell has its share of them to within one, by systematic sampling: over shifts, uniform in [0, 1), E[count] = number * share.
+        By systematic sampling each cell gets number * share to within one, and exactly so in the mean over shifts uniform in [0, 1).
         """
         end = np.ceil(np.cumsum(self.share) * number - shift).astype(np.int64).clip(0, number)
         end[np.flatnonzero(self.share)[-1] :] = number  # a sum of shares may round to just below 1
         return np.concatenate([[0], end])
 
     def place(self, cell: NDArray[np.int64], points: Float32) -> Float32:
-        """Random numbers (n, 4) of photons emitted from cells (n,), from points (n, 4) uniform in [0, 1)."""
+        """Random numbers (n, 4) within cells (n,), from points (n, 4) uniform in [0, 1)."""
         numbers = np.empty((DIMENSIONS, len(cell)), np.float32)
         for axis, row in enumerate(numbers):
             np.multiply(self.side[:, axis].take(cell), points[:, axis], out=row)
@@ -64,7 +64,7 @@ class BirthCells:
 
 
 def find_bins(cell: NDArray[np.int64], points: Float32) -> NDArray[np.int32]:
-    """(n,) int32: bins of births in cells (n,) at points (n, 4) of them, as for BirthCells.place; cell c has bins c * BINS and on."""
+    """(n,) int32: bins of photons from cells (n,) and points (n, 4), as for BirthCells.place; the bins of cell c start at c * BINS."""
     bins = cell.astype(np.int32)
     for axis in reversed(range(DIMENSIONS)):
         bins <<= SLICE_BITS
@@ -73,6 +73,6 @@ def find_bins(cell: NDArray[np.int64], points: Float32) -> NDArray[np.int32]:
 
 
 def find_slice(bins: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
-    """(n,) int32: which slice of its cell along an axis each bin (n,) lies in."""
+    """(n,) int32: slices of their cells along an axis in which bins (n,) lie."""
     slices: NDArray[np.int32] = bins >> SLICE_BITS * axis & SLICES - 1
     return slices

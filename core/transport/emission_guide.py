@@ -1,11 +1,11 @@
-"""Guiding of emission: more photons start where, for the rays they take, they reduce the bake's error most.
+"""Guiding of emission: more photons start where they reduce the bake's error most for the rays they take.
 
-A sun shines on the whole house, and one photon in many enters by a window. Earlier rounds estimate which; the random numbers from which
-photons are emitted are cut into cells, each with a share of the photons, and a photon's power is divided by the cell's density. Cells of
-random numbers, in place of positions and directions, work alike for all kinds of light.
+A sun shines on the whole house, and one photon in many enters by a window; earlier rounds estimate which. The unit cube of random numbers
+from which photons are emitted is cut into cells, each with a share of the photons, and a photon's power is divided by the cell's density.
+Cells of random numbers, unlike cells of positions and directions, work for all kinds of light.
 
-Only photons that bring all light are guided. Where they bring reflected light alone, guided emission removed no more error on the samples
-than its rays cost, nor did more or fewer parts where they part on random scenes.
+Only photons that carry all light are guided (--direct photons). Where they carry indirect light alone, guided emission saved no more error
+on the samples than its rays cost, and neither did a guided number of splits on random scenes.
 
 Source: Peter & Pietrek 1998, "Importance driven construction of photon maps"; Lepage 1978 (VEGAS) and Jadach 2000 (Foam) for cells of the
 unit cube that are cut where it helps; Neyman's allocation for their shares; Hesterberg 1995 for photons that go evenly among them.
@@ -24,24 +24,24 @@ from .photon_log import Groups
 
 Float64 = NDArray[np.float64]
 
-# Share of photons emitted without guiding: they sample what was not foreseen, and bound the variance at twice the unguided one. All rounds
-# count alike: with more weight for better guided ones the bound would not hold.
+# Share of photons emitted without guiding: they sample what earlier rounds missed, and bound the variance at twice the unguided one. All
+# rounds have equal weight; the bound would not hold if better guided rounds had more.
 EVEN_SHARE = 1 / 2
 MOST_CELLS = 4096
-_CUTS = 6  # of a cell, one after the other, from one round
-# Least gain of a cut, against cuts by chance. A quarter of each does as well on a page of many photons, no better.
-_LEAST_GAIN = 1 / 256  # of the bake's error for its work
-_LEAST_BIRTHS = 1024  # in a cell that is cut
+_CUTS = 6  # successive cuts of a cell after one round
+# The next two avoid cuts by chance. A quarter of each is as good on a page with many photons, but not better.
+_LEAST_GAIN = 1 / 256  # of a cut, as a share of the bake's noise times work
+_LEAST_BIRTHS = 1024  # photons in a cell that is cut
 _PRIOR_BIRTHS = 64.0  # prior weight of the mean of all cells, in photons
 _TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class BirthTally:
-    """Results of a shard's emitted photons: sums (c, 4, SLICES) float64 over the slices of each cell along each axis.
+    """Tallies of a shard's photons: sums (c, 4, SLICES) float64 over the slices of each cell along each axis.
 
     births   number of photons
-    rays     that followed from them
+    rays     number of their rays
     noise    their contribution to the squared error
     """
 
@@ -51,7 +51,7 @@ class BirthTally:
 
     @classmethod
     def of(cls, groups: Groups, noise: Float64, n_cell: int) -> BirthTally:
-        """Tally of photons that are each a group, at the bin of their emission; noise (g,) is its contribution to the squared error."""
+        """Tally groups, one for each emitted photon, by the bin of emission; noise (g,) is their contribution to the squared error."""
         sums = np.empty((3, n_cell, DIMENSIONS, SLICES))
         for axis in range(DIMENSIONS):
             slices = groups.place // BINS * SLICES + find_slice(groups.place, axis)
@@ -62,12 +62,12 @@ class BirthTally:
 
 @dataclass
 class EmissionGuide:
-    """Results of all emitted photons of a bake; sums (c, 4, SLICES) float64 as in BirthTally.
+    """Tallies of all photons of a bake; sums (c, 4, SLICES) float64 as in BirthTally.
 
-    cells    of the last plan
+    cells    the last plan
     births   number of photons
-    rays     that followed from them
-    noise    their contribution to the squared error over the mean of its round, scaled to the power of unguided photons
+    rays     number of their rays
+    noise    their contribution to the squared error, scaled to the power of unguided photons and divided by the mean of its round
     """
 
     cells: BirthCells
@@ -81,7 +81,7 @@ class EmissionGuide:
         return cls(BirthCells.whole(emitter_share), *np.zeros((3, len(emitter_share), DIMENSIONS, SLICES)))
 
     def add_round(self, shards: Sequence[BirthTally]) -> None:
-        """Add the shards of one round, whose photons were emitted from the cells as they are."""
+        """Add the shards of one round, whose photons were emitted from the current cells."""
         noise = np.zeros_like(self.noise)
         births = np.zeros(len(self.cells))
         for shard in shards:
@@ -105,7 +105,7 @@ class EmissionGuide:
             if len(self.cells) == before:
                 break
         natural = self.cells.natural
-        work, noise = self._know_rates()
+        work, noise = self._find_rates()
         wanted = natural * np.sqrt(noise / work)
         share = (1.0 - EVEN_SHARE) * wanted / wanted.sum() + EVEN_SHARE * natural
         self.cells = replace(self.cells, share=share)
@@ -117,7 +117,7 @@ class EmissionGuide:
         natural = self.cells.natural[seen]
         return float((natural * sums[seen] / births[seen]).sum()) / max(float(natural.sum()), _TINY)
 
-    def _know_rates(self) -> tuple[Float64, Float64]:
+    def _find_rates(self) -> tuple[Float64, Float64]:
         """Rays and noise of a photon emitted from each cell, (c,) each, above 0."""
         births, rays, noise = (_add_up(sums) for sums in (self.births, self.rays, self.noise))
         known = births + _PRIOR_BIRTHS
@@ -129,7 +129,7 @@ class EmissionGuide:
         """Cut cells in two between slices, each where the cut reduces noise times work most."""
         cells, births = self.cells, _add_up(self.births)
         work, noise = (_add_up(sums) / np.maximum(births, 1.0) for sums in (self.rays, self.noise))
-        cost = cells.natural * np.sqrt(work * noise)  # at best shares noise * work = (sum of these)^2
+        cost = cells.natural * np.sqrt(work * noise)  # with the best shares, noise * work = (sum of these)^2
         gain = (cost[:, None, None] - cells.natural[:, None, None] * self._price_cuts(work, noise)).reshape(len(cells), -1)
         cut = (gain.max(1) > _LEAST_GAIN * cost.sum()) & (births >= _LEAST_BIRTHS)
         cut[np.flatnonzero(cut)[max(MOST_CELLS - len(cells), 0) :]] = False
@@ -157,9 +157,9 @@ class EmissionGuide:
             setattr(self, name, np.where(halved[:, None, None], stretched, sums))
 
     def _price_cuts(self, work: Float64, noise: Float64) -> Float64:
-        """(c, 4, SLICES - 1) float64: the root of rays times noise of a birth after each cut; work and noise of each cell (c,) before."""
+        """(c, 4, SLICES - 1) float64: sqrt(rays * noise) per photon after each cut; work and noise (c,) are those of the whole cells."""
         price = np.zeros((len(self.cells), DIMENSIONS, SLICES - 1))
-        for flip in (slice(None), slice(None, None, -1)):  # the part below each cut, and that above it
+        for flip in (slice(None), slice(None, None, -1)):  # the part below each cut, and the part above it
             births, *others = (np.cumsum(sums[..., flip], axis=2)[..., :-1][..., flip] for sums in (self.births, self.rays, self.noise))
             product = np.ones_like(price)
             for sums, rate in zip(others, (work, noise), strict=True):
@@ -169,13 +169,15 @@ class EmissionGuide:
 
 
 def _add_up(sums: Float64) -> Float64:
-    """(c,) float64: sums (c, 4, SLICES) of whole cells, the same along every axis."""
+    """(c,) float64: totals of cells from sums (c, 4, SLICES), which add up to the same along every axis."""
     total: Float64 = sums[:, 0].sum(1)
     return total
 
 
 def _stretch_slices() -> Float64:
-    """(SLICES + 1, SLICES + 1, SLICES, SLICES) float64: by first slice and count, how much of each slice goes to each slice of the part."""
+    """(SLICES + 1, SLICES + 1, SLICES, SLICES) float64: for a part of `count` slices from `first`, by [first, count], the share of each
+    old slice that falls into each of the part's own slices.
+    """
     out = np.zeros((SLICES + 1, SLICES + 1, SLICES, SLICES))
     edge = np.arange(SLICES + 1)
     for first in range(SLICES):

@@ -12,11 +12,11 @@ from .photon_log import ENERGY_NAMES, Counters, EnergyAudit
 
 @dataclass
 class Ledger:
-    """Sums over all shards. Each photon carries all light of the scene; reading divides by their number.
+    """Sums over all shards. Each photon carries the power of the whole scene, so totals are divided by the number of photons.
 
     energy_w   for each of ENERGY_NAMES, (3,) float64
     rays       number of photons' rays
-    gathered   number of gather rays, whether their light is shown or was dropped
+    gathered   number of gather rays, also of those whose light is not shown
     """
 
     energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
@@ -34,15 +34,15 @@ class Ledger:
         self.deposits += counters.deposits
 
     def find_lost(self) -> float:
-        """Share of the light cut off by the limit of bounces; the largest of channels."""
+        """Share of the light that the limit of bounces cuts off, in the channel where it is largest."""
         emitted, left = self.energy_w["emitted"], self.energy_w["remainder"]
         return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
     def photon_w(self) -> NDArray[np.float64]:
-        """(3,), W: power of one photon at its light, if all photons shared the light equally."""
+        """(3,), W: power of one photon at emission if all photons carried equal shares."""
         photon_w: NDArray[np.float64] = self.energy_w["emitted"] / max(self.photons, 1) ** 2
         return photon_w
 
     def audit_w(self) -> dict[str, list[float]]:
-        """The energy audit, W: emitted = absorbed + escaped + remainder, and the power that passed through surfaces on the way."""
+        """The energy audit, W, by ENERGY_NAMES: emitted = absorbed + escaped + remainder."""
         return {name: (total / max(self.photons, 1)).tolist() for name, total in self.energy_w.items()}

@@ -1,4 +1,4 @@
-"""Photons that metals and dielectric layers reflect."""
+"""Specular reflection of photons and gather rays by metals and dielectric layers."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .emission import Arrivals, Photons
 from .passing import Passing
 
 _TINY = np.finfo(np.float32).tiny
-_LEAST_COSINE = 0.01  # as where photons are deposited
+_LEAST_COSINE = 0.01  # the bound of Veach's weight in photons.py
 _LIFT = np.float32(0.01)
 _Rows = NDArray[np.float32]
 
 
 class GlossyScene(Protocol):
-    """What of photons.TraceScene is needed; arrays as there."""
+    """The fields of photons.TraceScene that reflection and refraction need."""
 
     @property
     def gloss(self) -> Gloss | None: ...
@@ -52,15 +52,13 @@ def reflect_photons(
     copies: int,
     rng: np.random.Generator,
 ) -> Photons | None:
-    """Photons that are reflected specularly by chance, with flux so that all of them carry what is; None where none is.
+    """Photons that are reflected specularly, by Russian roulette; None if none is. Diffuse reflection has a roulette of its own.
 
-    Whether a photon is reflected diffusely has a chance of its own, as in passing.
-
-    tri        (n,) int64: of arrived
-    group      (n,) int32, None where there are none
-    cosine     (n,) float32: of the way they came with the geometric normal
-    is_first   they come straight from a light
-    copies     that each is made of, with a share of its flux each
+    tri        (n,) int64: of `arrived`
+    group      (n,) int32, None without groups
+    cosine     (n,) float32: of the incoming directions with the geometric normal
+    is_first   the photons come straight from a light
+    copies     number that each photon splits into, with equal shares of its flux
     """
     gloss = scene.gloss
     if gloss is None:
@@ -96,9 +94,9 @@ def reflect_photons(
 def send_on(
     arrived: Arrivals, group: NDArray[np.int32] | None, is_first: bool, row: IntArray, origin: _Rows, direction: _Rows, flux: _Rows
 ) -> Photons:
-    """Photons (k,) that go on specularly: those of `arrived` in rows (k,), with new origins, directions and flux, each (3, k).
+    """The photons `arrived` in rows (k,) after a specular event, with new origins, directions and flux, each (3, k).
 
-    group, is_first   as of reflect_photons
+    group, is_first   as for reflect_photons
     """
     mirrored = np.ones(len(row), bool)
     if not is_first:
@@ -108,10 +106,11 @@ def send_on(
 
 
 def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:
-    """(3, n): unit shading normals on the side that rays come from, of normal maps too; the face's own (3, n) where those look away from
-    the rays.
+    """(3, n): unit shading normals on the side that rays come from, with normal maps; the geometric ones where they face away from the
+    rays.
 
-    side        (n,) float32: 1 where rays meet the front, -1 the back
+    side        (n,) float32: 1 where rays meet the front, -1 where they meet the back
+    face        (3, n) float32: geometric normals on that side
     direction   (3, n) float32 of the rays
     """
     normal = _smooth(scene, tri, u, v, side, face, direction)
@@ -126,7 +125,7 @@ def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, fa
 
 
 def _lift(normal: _Rows, face: _Rows, direction: _Rows) -> _Rows:
-    """Normals (3, n) turned so far toward the face's own (3, n) that a mirror sends rays along directions (3, n) above the face."""
+    """Normals (3, n) turned toward the geometric ones, face (3, n), until a mirror reflects rays of directions (3, n) above the face."""
     out = direction - 2 * _dot(direction, normal) * normal
     low = (_dot(out, face) < _LIFT).nonzero()[0]
     if not len(low):
@@ -140,11 +139,10 @@ def _lift(normal: _Rows, face: _Rows, direction: _Rows) -> _Rows:
 
 
 def _weigh_shading(arrived: _Rows, turned: _Rows, face: _Rows, normal: _Rows) -> _Rows:
-    """(n,): by what a shading normal changes the flux that photons carry on, where rays that look for light keep its radiance; 0 below the
-    face.
+    """(n,): factors on the flux of photons by the adjoint of shading normals; 0 below the face.
 
-    arrived, turned   (3, n) float32, unit: along which photons came and go on
-    face, normal      (3, n) float32, unit: the geometric normal and the shading normal on that side
+    arrived, turned   (3, n) float32, unit: incoming and reflected directions
+    face, normal      (3, n) float32, unit: geometric and shading normals on that side
     Source: Veach 1997, section 5.3.
     """
     out = _dot(turned, face)
@@ -159,7 +157,7 @@ def _dot(a: _Rows, b: _Rows) -> _Rows:
 
 
 def _smooth(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:
-    """As shade, by the corners' normals alone."""
+    """As shade, without normal maps."""
     if not scene.smooth_frame.size:
         return face
     column = gather(scene.tri_smooth, tri)
@@ -178,11 +176,11 @@ def _smooth(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, 
 def follow_mirrors(
     scene: GlossyScene, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows, rng: np.random.Generator
 ) -> tuple[IntArray, _Rows, _Rows, _Rows]:
-    """Rays that gather light and are reflected specularly where they met triangles (n,), by chance: which (k,), from where (3, k), along
-    which directions (3, k), and the share of light (3, k) that still comes along them.
+    """Gather rays that triangles (n,) reflect specularly, by Russian roulette: rows (k,), origins (3, k), directions (3, k) and
+    throughputs (3, k) of the reflected ones.
 
     direction   (3, n) float32, unit
-    share       (3, n) float32, before
+    share       (3, n) float32: throughput before
     """
     gloss = scene.gloss
     place = np.zeros(0, np.intp) if gloss is None else gather(gloss.tri_glossy, tri).nonzero()[0]

@@ -1,4 +1,4 @@
-"""Photons, and rays that gather light between surfaces, that go straight on through transparent surfaces."""
+"""Photons and gather rays that go straight on through transparent surfaces."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _Rows = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Passing:
-    """What photons may pass through.
+    """Surfaces that photons may pass straight through.
 
-    tri_passes   (2, n_tri) bool     on their way between surfaces, and on their way from a lamp
+    tri_passes   (2, n_tri) bool     whether light between surfaces passes, and whether light from a lamp does
     tri_frame    (3, 3, n_tri) float32, of triangle_frames, unit box
     tri_normal   (3, n_tri) float32, unit
     """
@@ -34,13 +34,15 @@ class Passing:
 
     @classmethod
     def of(cls, surfaces: SurfaceMaterials, tri_frame: _Rows, tri_normal: _Rows, links: LightLinks) -> Passing | None:
-        """None where nothing lets light pass, nor does that of any lamp."""
+        """None if no surface lets light pass and all surfaces block all lamps."""
         passes = np.stack([surfaces.find_passing(shadow)[0] for shadow in (False, True)])
         return cls(surfaces, passes, tri_frame, tri_normal) if passes.any() or not links.blocks.all() else None
 
     def follow(self, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows) -> tuple[IntArray, _Rows, _Rows]:
-        """Rays (3, n) between surfaces that go on through triangles (n,): which (k,), from where (3, k), and the share of light (3, k) that
-        still comes along them, of a share (3, n) before.
+        """Gather rays that go on through triangles (n,): their rows (k,), new origins (3, k), and throughputs (3, k).
+
+        direction   (3, n) float32, unit
+        share       (3, n) float32: throughput before
         """
         place = gather(self.tri_passes[0], tri).nonzero()[0]
         tri, u, v = gather(tri, place), gather(u, place), gather(v, place)
@@ -51,7 +53,7 @@ class Passing:
         return place, leave_through(at, gather(direction, place), gather(self.tri_normal, tri)), gather(through, on)
 
     def leave(self, tri: IntArray, u: _Rows, v: _Rows) -> _Rows:
-        """(3, n): share of light straight from lamps that does not pass as shadow rays do, and is left for other ways through."""
+        """(3, n): share of a lamp's light that does not pass as a shadow ray would, so that refraction may carry it."""
         left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, shadow=True).T
         return left
 
@@ -67,16 +69,16 @@ class Passing:
         is_open: NDArray[np.bool_] | None,
         rng: np.random.Generator,
     ) -> Photons | None:
-        """Photons that pass by chance, with flux (3, k) so that all of them carry what passes; None where none does.
+        """Photons that pass, by Russian roulette; None if none does.
 
-        A photon may also be reflected there: each of both has a chance of its own, by which its share is divided, so neither biases the
-        other. The chance keeps the greatest channel of the flux, as with reflection.
+        The same photon may also be reflected: passing and reflection have roulettes of their own, so both are unbiased. The probability
+        keeps the greatest channel of the flux, as for reflection.
 
         hit        (m,) int: rows of the photons that have met a triangle
-        tri, u, v  (m,) where
-        distance   (n,) float32: of all photons
-        is_first   they come from their lamp
-        is_open    (m,) bool: of LightLinks; None is none
+        tri, u, v  (m,): their hits
+        distance   (n,) float32: to the hit, of all photons
+        is_first   the photons come straight from their lamp
+        is_open    (m,) bool: from LightLinks, the lamp's light ignores the surface; None for none
         """
         of_lamp = np.full(len(tri), is_first)
         if photons.sky is not None:
@@ -90,7 +92,7 @@ class Passing:
         if not len(place):
             return None
         tri, u, v, row, of_lamp = (gather(values, place) for values in (tri, u, v, hit, of_lamp))
-        flux = gather(photons.flux, row)  # before it is softened: that is done anew at the next surface
+        flux = gather(photons.flux, row)  # without soft falloff, which is applied anew at the next surface
         through = self._share_at(tri, u, v, of_lamp)
         if is_open is not None:
             through = np.where(gather(is_open, place), np.float32(1), through)
@@ -118,7 +120,7 @@ class Passing:
         return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link)
 
     def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_]) -> _Rows:
-        """(3, n): what passes of light from lamps, and of other light."""
+        """(3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light."""
         if not self.surfaces.has_two_passings or of_lamp.all():
             return self.surfaces.passing_at(tri, u, v, shadow=True).T
         out = np.empty((3, len(tri)), np.float32)

@@ -1,4 +1,4 @@
-"""What a shard of photons reports: its deposits, where the light went, and what became of photons by the place where they parted."""
+"""Results of a shard of photons: deposits, the energy audit, and tallies of photons by the bin of their emission."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed", "mirror
 
 @dataclass(frozen=True)
 class EnergyAudit:
-    """Where the light went, each (3,) float64, W: emitted == absorbed + escaped + remainder.
+    """Power by its fate, each (3,) float64, W: emitted == absorbed + escaped + remainder.
 
-    `passed` counts light each time it goes straight on through a transparent surface, `mirrored` each time a metal, a layer or glass
-    reflects it, and `refracted` each time glass lets it through; after that it goes elsewhere. `absorbed` is what roulette took less what
-    it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp without shadow counts as emitted once for each
-    surface that it lights.
+    `passed` counts light each time it goes straight through a transparent surface, `mirrored` each time a metal, a layer or glass
+    reflects it, and `refracted` each time glass refracts it; that light is counted again where it ends. `absorbed` is what roulette took
+    less what it gave to survivors; `remainder` was still under way at max_depth. The light of a lamp without shadow counts as emitted once
+    for each surface that it lights.
     """
 
     emitted: NDArray[np.float64]
@@ -53,10 +53,10 @@ class Counters:
 
 @dataclass(frozen=True)
 class Groups:
-    """Photons that were one at their birth: where tracing parts them, they stay one group.
+    """Groups of photons that were emitted as one.
 
-    place   (g,) int32          bin of birth, of emission_cells.find_bins
-    rays    (g,) int64          number of rays, of all together
+    place   (g,) int32          bin of emission, from emission_cells.find_bins
+    rays    (g,) int64          number of rays of each group
     owner   (m,) int32          the group of each deposit
     """
 
@@ -67,7 +67,7 @@ class Groups:
 
 @dataclass(frozen=True)
 class SideHits:
-    """Photons that met a side whose light no lightmap holds; from their first surface on, whatever finds direct light.
+    """Photons that met a side of a triangle without a lightmap, first hits included.
 
     tri        (k,) int32
     u, v       (k,) float32
@@ -89,8 +89,8 @@ class ShardHits:
     tri        (m,) int32
     u, v       (m,) float32     barycentric weights of corners 1 and 2
     flux_rgb   (3, m) float32, W
-    is_first   (m,) bool        straight from a light; or where photons bring no such light, by mirrors alone
-    groups     None where they are not tallied
+    is_first   (m,) bool        direct light; where shadow rays find that, light from specular surfaces alone (caustics)
+    groups     None if they are not tallied
     elsewhere  hits on sides without a lightmap
     """
 
@@ -105,7 +105,7 @@ class ShardHits:
     elsewhere: SideHits
 
     def only(self, rows: NDArray[np.intp]) -> ShardHits:
-        """The deposits `rows` (k,) alone; what was counted stays."""
+        """Only the deposits in rows (k,); audit and counters stay."""
         return replace(
             self,
             tri=self.tri.take(rows),
@@ -118,9 +118,9 @@ class ShardHits:
 
 
 class PhotonLog:
-    """Collects what a shard reports; the sums are added to from outside.
+    """Collects the results of a shard. Tracing adds to its sums directly.
 
-    n_hit   deposits that have not been taken yet
+    n_hit   number of deposits since the last `take`
     """
 
     def __init__(self) -> None:
@@ -134,36 +134,36 @@ class PhotonLog:
         self.photons = self.rays = self.n_hit = 0
         self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, NDArray[np.bool_]]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
-        self._under_way: list[_Ints] = []  # the group of each ray
+        self._under_way: list[_Ints] = []  # group of each ray
         self._owner: list[_Ints] = []
         none = np.zeros(0, np.float32)
         self._elsewhere = [SideHits(np.zeros(0, np.int32), none, none, np.zeros(0, bool), np.zeros((3, 0), np.float32))]
 
     def open_groups(self, place: _Ints) -> _Ints:
-        """The numbers (g,) of new groups; place as in Groups."""
+        """Numbers (g,) of new groups; `place` is as in Groups."""
         self._place.append(place)
         first, self._n_group = self._n_group, self._n_group + len(place)
         return np.arange(first, self._n_group, dtype=np.int32)
 
     def count_rays(self, count: int, group: _Ints | None) -> None:
-        """group   (count,) int32: their groups, None where there are none"""
+        """group   (count,) int32: their groups, None without groups"""
         self.rays += count
         if group is not None:
             self._under_way.append(group)
 
     def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: NDArray[np.bool_], group: _Ints | None) -> None:
-        """Arguments as in ShardHits; group (m,) int32, None where there are none."""
+        """Arguments are as in ShardHits; group (m,) int32, None without groups."""
         self._pieces.append((tri, u, v, flux, is_first))
         self.n_hit += len(tri)
         if group is not None:
             self._owner.append(group)
 
     def light_elsewhere(self, hits: SideHits) -> None:
-        """Photons that met sides without a lightmap."""
+        """Add photons that met sides without a lightmap."""
         self._elsewhere.append(hits)
 
     def take(self) -> ShardHits:
-        """All hits since the last call; each group is returned once, with its results so far."""
+        """All results since the last call. Groups come with the first call only, with what belongs to them so far."""
         nothing = np.zeros(0, np.float32)
         self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), np.zeros(0, bool)))
         tri, u, v, flux, is_first = zip(*self._pieces, strict=True)

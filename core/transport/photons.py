@@ -1,10 +1,10 @@
-"""Wavefront particle tracing: births, hits, deposit records, roulette, diffuse scattering.
+"""Wavefront particle tracing: emission, hits, deposit records, roulette, diffuse scattering.
 
 Arrays of photons are (3, n), one contiguous row per axis or channel. Source: Pattanaik & Mudur 1992.
 
-Where direct light is found by shadow rays, the way to the first surface only says where light is to be scattered from: SPLIT photons go it
-together and part there, each with its own share of the light and in a direction of its own. Source: Arvo & Kirk 1990, "Particle transport
-and image synthesis" (splitting).
+Where shadow rays find the direct light, the first segment of a path only finds a point that scatters light. So each photon splits into
+SPLIT photons there, each with its share of the flux and its own direction. Source: Arvo & Kirk 1990, "Particle transport and image
+synthesis" (splitting).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.ablation import uses
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
-from .emission import BATCH, Arrivals, Photons, bear_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
+from .emission import BATCH, Arrivals, Photons, emit_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
 from .emission_cells import BirthCells
 from .mirrors import reflect_photons
 from .passing import Passing
@@ -37,12 +37,12 @@ from .photon_log import PhotonLog, ShardHits, SideHits
 from .refraction import bend_photons
 
 _SMOOTH_DEVIATION = 1e-3  # a corner normal nearer to the face's own than this is flat shading
-# Veach's weight is unbounded at grazing incidence. Its expectation loses less than LEAST_COSINE * sin(angle between the normals) / pi.
+# Bounds Veach's weight at grazing incidence. The mean weight loses less than _LEAST_COSINE * sin(angle between the normals) / pi.
 _LEAST_COSINE = 0.01
-# Measured on the samples: as little error as of photons that go alone, by a third to two thirds fewer rays; 16 gain hardly more.
+# Measured on the samples: the same error as without splitting, with a third to two thirds fewer rays; 16 gain hardly more.
 SPLIT = 8
-_DEPTHS_TOGETHER = 2  # surfaces between joins of what is left of the waves
-# Deposits, 25 bytes each, from which on a shard's are handed over before more are made: in a closed white room a photon has hundreds.
+_DEPTHS_TOGETHER = 2  # the surviving photons of all waves are joined every so many surfaces
+# A shard hands over its deposits, 25 bytes each, when there are so many: in a closed white room a photon makes hundreds.
 MOST_HITS = 1 << 23
 _TINY = np.finfo(np.float32).tiny
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
@@ -53,21 +53,22 @@ _Ints = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class TraceScene:
-    """All that photons meet.
+    """A scene prepared for photons; None for what it does not have.
 
-    shadows         the same, for shadow rays
-    passing         what photons pass through, None where they pass through nothing
-    gloss           how they are reflected specularly, None where they are not
-    glass           how glass bends their ways, None where nothing is of glass
-    emitter_share   (n_emitter,) float64     probability of each emitter, by its mean power; all 0 when nothing shines
+    rays            closest hits of photons
+    shadows         the same scene for shadow rays
+    passing         transparent surfaces
+    gloss           specular reflection
+    glass           reflection and refraction by glass
+    emitter_share   (n_emitter,) float64     probability of each emitter, proportional to its mean power; all 0 without any power
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
-    tri_lit_below   (n_tri,) float32         light is deposited whose cosine with the normal is less: 0, or for light on the back inf,
-                                             or without a lightmap -inf
+    tri_lit_below   (n_tri,) float32         a photon is deposited where the cosine of its direction with the normal is less than this:
+                                             0 for one-sided receivers, inf for two-sided ones, -inf without a lightmap
     tri_smooth      (n_tri,) int32           column of smooth_frame, -1 for flat shading
     smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
-    maps            of normals, None where no surface has one
-    links           of lamps that do not treat all surfaces alike, None where there is none
+    maps            normal maps
+    links           lamps that are linked to some surfaces only
     """
 
     rays: RayScene
@@ -88,14 +89,14 @@ class TraceScene:
 
     @property
     def has_caustics(self) -> bool:
-        """Whether photons may come from lamps by specular surfaces alone, on ways that shadow rays do not find."""
+        """Whether light may reach surfaces by specular bounces alone, on paths that shadow rays do not find."""
         return self.gloss is not None or self.glass is not None
 
 
 def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, emitters: Sequence[Emitter]) -> TraceScene:
-    """A snapshot made ready for photons; `unit_box` and `surfaces` are those the emitters were made with.
+    """Prepare a snapshot for photons, with the unit_box and surfaces that the emitters were built with.
 
-    Raises ValueError for an emitter whose power cannot be traced.
+    Raises ValueError for an emitter whose power is negative, not finite or too large.
     """
     corners_m = snapshot.tri_position
     normal = triangle_normals_areas(corners_m)[0].astype(np.float32)
@@ -143,15 +144,15 @@ def trace_shard(
     skip_first: bool,
     cells: BirthCells | None = None,
 ) -> Iterator[ShardHits]:
-    """Trace photons until they escape, are absorbed or have met `max_depth` surfaces; gives what became of them in one piece, or in more
-    where that is much.
+    """Trace photons until they escape, are absorbed or have met `max_depth` surfaces; yields their deposits whenever there are MOST_HITS,
+    and at the end.
 
-    total_flux_share   what these photons carry together, as a share of all the scene's power: n_photons / all photons of a bake
-    skip_first         direct light is found elsewhere: first hits scatter but are not deposited; SPLIT photons go there together
-    cells              where more or fewer of them are born, if they go alone; then what becomes of them is given by groups
+    total_flux_share   the photons' share of the scene's power: n_photons / all photons of a bake
+    skip_first         direct light is computed elsewhere: first hits scatter but are not deposited, and photons split there
+    cells              densities of guided emission, for photons that do not split; the results then have groups
     """
     log = PhotonLog()
-    waves: Iterable[Photons] = _bear(scene, cells, n_photons, total_flux_share, rng, _count_parts(skip_first), log)
+    waves: Iterable[Photons] = _emit(scene, cells, n_photons, total_flux_share, rng, _count_parts(skip_first), log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
         left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, log))]
@@ -165,9 +166,9 @@ def trace_shard(
     yield log.take()
 
 
-def _count_parts(parts: bool) -> int:
-    """How many photons go together to the first surface, where they part; one where they do not."""
-    return SPLIT if parts and uses("splitting") else 1
+def _count_parts(splits: bool) -> int:
+    """Number of photons that one splits into at its first surface; 1 if it does not."""
+    return SPLIT if splits and uses("splitting") else 1
 
 
 def _bounce(
@@ -178,7 +179,7 @@ def _bounce(
     skip_first: bool,
     log: PhotonLog,
 ) -> Photons | None:
-    """The photons after as many surfaces that reflect them; None when none is left."""
+    """The photons after a reflection at each of the depths; None when none is left."""
     for depth in depths:
         reflected: list[Photons] = []
         under_way = photons
@@ -199,7 +200,7 @@ def _bounce(
 def _meet(
     scene: TraceScene, photons: Photons, rng: np.random.Generator, depth: int, skip_first: bool, log: PhotonLog
 ) -> tuple[Photons | None, Photons | None]:
-    """Those that the next surface reflects, and those that pass through it, still on their way to the same bounce; None for none."""
+    """The photons that the next surface reflects, and those that pass straight through it and stay at this depth; None for none."""
     found = scene.rays.closest(photons.origin.T, photons.direction.T)
     log.count_rays(len(found.tri), photons.group)
     flux = photons.flux
@@ -211,7 +212,7 @@ def _meet(
             log.rays += n_ray
             flux = flux * ~hidden
         power = np.add.reduce(flux, 1, np.float64)
-        log.emitted += power - photons.power  # of those that passed through others, what they gain by being farther away
+        log.emitted += power - photons.power  # photons that passed through a surface are softened anew for their longer way
         photons.power = power
     landed = photons.power
     hit = (found.tri >= 0).nonzero()[0]
@@ -222,7 +223,7 @@ def _meet(
         log.escaped += photons.power - landed
     if not len(hit):
         return None, None
-    index = tri.astype(np.intp)  # once, in place of in every gather
+    index = tri.astype(np.intp)  # converted once, not in every gather
     linked, whole, glossy = None, arrived, arrived
     if scene.links and not depth and photons.link is not None:
         linked = scene.links.look_up(gather(photons.link, hit), index)
@@ -250,11 +251,11 @@ def _meet(
     if passed:
         log.passed += passed.power
         landed = landed - passed.power
-    parts = skip_first and not depth
-    split = _count_parts(parts) if parts else None
+    splits = skip_first and not depth
+    copies = _count_parts(splits)
     albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
     if scene.gloss:
-        mirrored = reflect_photons(scene, glossy, index, group, cosine, depth == 0, _count_parts(parts), rng)
+        mirrored = reflect_photons(scene, glossy, index, group, cosine, depth == 0, copies, rng)
         albedo, row = scene.gloss.find_diffuse(index, u, v, albedo)
         if mirrored:
             log.mirrored += mirrored.power
@@ -263,7 +264,7 @@ def _meet(
     if scene.glass:
         from_lamp = None if depth else np.ones(len(tri), bool) if photons.sky is None else ~gather(photons.sky, hit)
         seen = linked.seen if linked else None
-        bent, refracted = bend_photons(scene, whole, index, group, cosine, depth == 0, from_lamp, seen, _count_parts(parts), rng)
+        bent, refracted = bend_photons(scene, whole, index, group, cosine, depth == 0, from_lamp, seen, copies, rng)
         if bent:
             specular.append(bent)
             log.mirrored += bent.power - refracted
@@ -272,7 +273,7 @@ def _meet(
     through = scene.surfaces.through_at(index, u, v).T / np.maximum(albedo, _TINY) if scene.surfaces.has_through else None
     if worth is not None:
         albedo = albedo * worth
-    alive, count, flux = _play_roulette(flux, albedo, split, rng)
+    alive, count, flux = _play_roulette(flux, albedo, copies if splits else None, rng)
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
     origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
@@ -292,7 +293,7 @@ def _meet(
     if scene.gloss and row is not None:
         facing = normal.copy()
         direction = _scatter(normal, numbers)
-        # By roulette too: with weights in its place photons would grow in number on white surfaces, which mirror some and scatter all.
+        # By roulette too: with weights instead, white surfaces would mirror some photons and scatter all, so their number would grow.
         below = scene.gloss.below_layer(row, _dot(direction, facing))
         below = np.broadcast_to(np.where(crossed, np.float32(1), below) if len(crossed) else below, flux.shape)
         chance = np.minimum(below.max(axis=0), 1)
@@ -309,7 +310,7 @@ def _meet(
     return (join_photons(on) if len(on) > 1 else on[0] if on else None), passed
 
 
-def _bear(
+def _emit(
     scene: TraceScene,
     cells: BirthCells | None,
     n_photons: int,
@@ -318,13 +319,13 @@ def _bear(
     together: int,
     log: PhotonLog,
 ) -> Iterator[Photons]:
-    """The photons as they are born, `together` in one."""
+    """Batches of emitted photons, each of which stands for `together` until it splits."""
     log.photons += n_photons if scene.emitter_share.any() else 0
     with_bins = cells is not None
     planned = BirthCells.whole(scene.emitter_share) if cells is None else cells
     count = -(-n_photons // together)
-    batch = BATCH if together == 1 else max(2 * BATCH // together, 1)  # surfaces reflect about half of what comes, so that waves stay full
-    for photons, shadowless in bear_photons(scene.emitters, planned, count, total_flux_share, rng, batch, with_bins):
+    batch = BATCH if together == 1 else max(2 * BATCH // together, 1)  # about half survive the first surface: BATCH photons after the split
+    for photons, shadowless in emit_photons(scene.emitters, planned, count, total_flux_share, rng, batch, with_bins):
         if photons.group is not None:
             photons.group = log.open_groups(photons.group)
         if shadowless.any():
@@ -333,7 +334,7 @@ def _bear(
 
 
 def _total(flux: _Rows) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = np.add.reduce(flux, 1).astype(np.float64)  # by pairs: as exact as the flux is
+    total: NDArray[np.float64] = np.add.reduce(flux, 1).astype(np.float64)  # numpy sums pairwise: as exact as the float32 flux
     return total
 
 
@@ -343,7 +344,7 @@ def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
 
 
 def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], cosine: _Rows) -> NDArray[np.float32] | None:
-    """(n,): what light is worth by the normal maps where it arrives; None where none has one."""
+    """(n,): factors of normal maps on the arriving light; None if no surface has a map."""
     if scene.maps is None:
         return None
     side = gather(scene.tri_normal, index) * -np.copysign(np.float32(1), cosine)
@@ -362,7 +363,11 @@ def _deposit(
     worth: NDArray[np.float32] | None,
     log: PhotonLog,
 ) -> None:
-    """Logs those that are lit (n,) bool; cosine (n,) float32: of the way they came with the normal; worth of _weigh_bumps."""
+    """Log the photons that are lit, (n,) bool.
+
+    cosine   (n,) float32: of their directions with the geometric normal
+    worth    from _weigh_bumps
+    """
     kept = lit.nonzero()[0]
     own = arrived.only(kept)
     flux = own.flux
@@ -374,10 +379,10 @@ def _deposit(
             incoming, face = gather(own.direction, smooth), gather(cosine, gather(kept, smooth))
             facing = _dot(shading, incoming) / np.maximum(np.sqrt(_dot(shading, shading)), np.float32(1e-6))
             facing /= np.copysign(np.maximum(np.abs(face), np.float32(_LEAST_COSINE)), face)
-            # Shading normals scale what particles bring: Veach 1997, section 5.3.
+            # The adjoint of shading normals scales the flux: Veach 1997, section 5.3.
             factor = np.ones(len(own.tri), np.float32)
             factor[smooth] = np.maximum(facing, 0)
-            if scene.maps is not None:  # a map's normal is in place of the corners'
+            if scene.maps is not None:  # a map's normal replaces the corners'
                 factor[scene.maps.has(own.tri)] = 1
             flux = flux * factor
     if worth is not None:
@@ -388,13 +393,14 @@ def _deposit(
 def _play_roulette(
     flux: _Rows, albedo: _Rows, split: int | None, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp] | None, _Rows]:
-    """Which photons are reflected, and their flux then: q = max(flux * albedo) / max(flux) keeps the greatest channel as it is.
+    """Russian roulette: the surviving photons and their flux. They survive with q = max(flux * albedo) / max(flux), which keeps the
+    greatest channel of the flux as it is.
 
-    split   of each photon so many play, with a share of its flux each; split * q of them survive, to within
-            one. None is one
+    split   number of copies of each photon, with equal shares of its flux; split * q of them survive, rounded up or down by chance.
+            None for no splitting
     alive   (k,) int, ascending: photons that survive
-    count   (k,) int: in how many parts; None without `split`
-    flux    (3, k) float32, W, of a part
+    count   (k,) int: surviving copies of each; None without `split`
+    flux    (3, k) float32, W, of each copy
     """
     reflected = flux * albedo
     survivors = np.maximum(np.maximum(reflected[0], reflected[1]), reflected[2])
@@ -402,17 +408,17 @@ def _play_roulette(
     if split is not None:
         survivors *= np.float32(split)
     expected = survivors.copy()
-    survivors += rng.random(len(survivors), dtype=np.float32)  # what is cut off survives by chance
+    survivors += rng.random(len(survivors), dtype=np.float32)  # stochastic rounding: the floor has the expected mean
     alive = (survivors >= 1).nonzero()[0]
     count = None if split is None else gather(survivors, alive).astype(np.intp)
-    chance = expected if split is not None else np.minimum(expected, 1)  # beyond 1 one brings the light of more
+    chance = expected if split is not None else np.minimum(expected, 1)  # beyond 1 a photon gains flux
     return alive, count, gather(reflected, alive) / gather(chance, alive)
 
 
 def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """(n,): which photons leave on the other side of the surface that they met, by chance; their rows are changed in place.
+    """(n,): photons that leave on the other side of their surface, by chance; changes origin, normal and flux in place.
 
-    share   (3, n) float32 of what leaves that does so there
+    share   (3, n) float32: share of the leaving light that leaves there
     """
     there, here = flux * share, flux * np.maximum(1 - share, 0)
     most_there, most_here = there.max(axis=0), here.max(axis=0)
@@ -428,8 +434,8 @@ def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: n
 def _scatter(normal: _Rows, numbers: _Rows) -> _Rows:
     """Cosine-distributed unit directions around the normals: the normal plus a point of the unit sphere.
 
-    normal    (3, n) float32; holds the directions in the end
-    numbers   (2, n) float32, uniform in [0, 1); used up
+    normal    (3, n) float32; overwritten with the directions
+    numbers   (2, n) float32, uniform in [0, 1); overwritten
     """
     height, turn = numbers
     radius = np.sqrt(height * (1 - height))

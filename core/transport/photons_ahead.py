@@ -1,4 +1,4 @@
-"""Results of photons that were traced before there were texels, kept in a folder."""
+"""Files for the results of photons that are traced before the texels are known."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from .photon_log import ShardHits
 
 
 def keep_hits(folder: Path, hits: ShardHits) -> None:
-    """Write them to `folder`. Raises OSError where there is no room."""
+    """Write hits to `folder`. Raises OSError if the disk is full."""
     shared_arrays.save_struct(folder, hits)
 
 
 def fetch_hits(folder: Path) -> ShardHits:
-    """Those of keep_hits, once: the folder is removed."""
+    """Read what keep_hits wrote, and remove the folder."""
     hits = shared_arrays.load_struct(folder, ShardHits)
     shared_arrays.remove_struct(folder)
     return hits

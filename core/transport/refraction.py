@@ -1,7 +1,7 @@
-"""Photons, and rays that gather light, that glass reflects or refracts.
+"""Reflection and refraction of photons and gather rays by glass.
 
-Photons follow the adjoint of what Cycles does with rays: a ray that is refracted carries its radiance over unscaled, so what a photon
-carries is times (n / n')^2 (Veach 1997, 5.2). Into a closed solid and out of it that cancels; behind a single face it does not.
+Photons follow the adjoint of Cycles' rays: Cycles leaves the radiance of a refracted ray unscaled, so a photon's flux is multiplied by
+(n / n')^2 (Veach 1997, 5.2). On the way into a closed solid and out of it the factors cancel; behind a single face they do not.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ def bend_photons(
     copies: int,
     rng: np.random.Generator,
 ) -> tuple[Photons | None, Float64]:
-    """Photons that glass reflects or refracts, None where none is; and the power, (3,) W, of those that it refracts, among them.
+    """Photons that glass reflects or refracts, None if there are none; and the power, (3,) W, of the refracted ones.
 
-    Whether a photon is reflected diffusely has a chance of its own, as in passing. Arguments as of mirrors.reflect_photons.
+    Diffuse reflection has a roulette of its own. Further arguments are as for mirrors.reflect_photons.
 
-    from_lamp   (n,) bool: they pass through as shadow rays do, which light is not bent besides; None is none
-    seen        (3, n) float32: of LightLinks; None is all
+    from_lamp   (n,) bool: photons straight from a lamp; the share that passes as shadow rays do is not refracted too. None for none
+    seen        (3, n) float32: from LightLinks; None if all rays see the lamps
     """
     nothing = np.zeros(3)
     glass = scene.glass
@@ -44,7 +44,7 @@ def bend_photons(
     place = gather(glass.tri_glass, tri).nonzero()[0]
     if not len(place):
         return None, nothing
-    count = np.where(glass.is_rough(gather(tri, place)), copies, 1)  # smooth glass parts nothing
+    count = np.where(glass.is_rough(gather(tri, place)), copies, 1)  # smooth glass would send all copies the same way
     flux = gather(arrived.flux, place) / count.astype(np.float32)
     if copies > 1:
         place, flux = np.repeat(place, count), np.repeat(flux, count, axis=1)
@@ -70,7 +70,7 @@ def bend_photons(
 def follow_glass(
     scene: GlossyScene, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows, rng: np.random.Generator
 ) -> tuple[IntArray, _Rows, _Rows, _Rows]:
-    """Rays that gather light and go on at glass, as of mirrors.follow_mirrors."""
+    """Gather rays that glass reflects or refracts; arguments and results are as for mirrors.follow_mirrors."""
     glass = scene.glass
     place = np.zeros(0, np.intp) if glass is None else gather(glass.tri_glass, tri).nonzero()[0]
     nothing = np.zeros((3, 0), np.float32)
@@ -97,9 +97,10 @@ def _bend(
     rng: np.random.Generator,
     of_light: bool = False,
 ) -> tuple[Bent, _Rows]:
-    """Where rays (3, n) go on, and the faces' normals (3, n) on the side that they go on from; cosine (n,) with the geometric normal.
+    """Directions after reflection or refraction, and the geometric normals (3, n) on the side that the rays leave to.
 
-    of_light   as of Gloss.reflect: a coat takes its share by the direction that is looked from
+    cosine     (n,) float32: of the directions (3, n) with the geometric normal
+    of_light   as for Gloss.reflect: a coat's share depends on the direction towards the viewer
     """
     numbers = rng.random((3, len(tri)), dtype=np.float32)
     side = -np.copysign(np.float32(1), cosine)
@@ -107,7 +108,7 @@ def _bend(
     normal, is_front = shade(scene, tri, u, v, side, face, direction), cosine < 0
     bent = glass.bend(tri, u, v, direction, normal, is_front, numbers)
     if normal is not face:
-        # By a shading normal some go to the wrong side of the face; by the face's own none does.
+        # Shading normals may send rays to the wrong side of the face; geometric ones do not.
         wrong = ((np.einsum("kn,kn->n", bent.direction, face) > 0) == bent.crossed).nonzero()[0]
         if len(wrong):
             own = (gather(values, wrong) for values in (tri, u, v, direction, face, is_front, numbers))
@@ -116,6 +117,6 @@ def _bend(
     seen = bent.direction if of_light else direction
     below = None if scene.gloss is None else scene.gloss.below_coat(tri, u, v, np.abs(np.einsum("kn,kn->n", seen, normal)))
     if below is not None:
-        # By roulette: the coat's own photons come besides, and with weights all together would grow in number within the glass.
+        # By roulette: the coat reflects photons of its own, so with weights instead their number would grow within the glass.
         bent.weight[:, below <= rng.random(len(below), dtype=np.float32)] = 0
     return bent, face * np.where(bent.crossed, np.float32(-1), np.float32(1))

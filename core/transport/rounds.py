@@ -1,6 +1,6 @@
-"""Number of photons of a round, and their division into shards.
+"""Number of photons in a round, and their division into shards.
 
-Neither depends on the clock or the number of workers, so that the same seed gives the same bytes.
+Neither depends on the clock or the number of workers, so the same seed gives the same bytes.
 """
 
 from __future__ import annotations
@@ -10,40 +10,42 @@ from itertools import pairwise
 
 from ..util.ablation import uses
 
-FIRST_ROUND_PHOTONS = 1 << 17  # at least
-# ... and so many for each node of the first trees: fewer are too noisy for refinement. Later photons are guided better, so that the first
-# round has at most so many, and at most a share of a bake.
+# The first round has FIRST_NODE_PHOTONS for each node of the first trees, since refinement needs that many; at least FIRST_ROUND_PHOTONS,
+# and at most MOST_FIRST_PHOTONS and FIRST_SHARE of a bake, since later photons are guided better.
+FIRST_ROUND_PHOTONS = 1 << 17
 FIRST_NODE_PHOTONS = 160
 MOST_FIRST_PHOTONS = 3 << 17
 FIRST_SHARE = 0.125
 SHARD_PHOTONS = 1 << 18  # at most
-MANY_PAIRS = 3  # shard pairs from which on a round ends with smaller ones, and is read before these are done
+# A round of MANY_PAIRS pairs of shards or more ends with SMALL_PAIRS pairs of half size, and is evaluated before these are done.
+MANY_PAIRS = 3
 SMALL_PAIRS = 2
-# A round adds at most so many times all photons so far, for late nodes lose photons from before they were split (docs/paper.md, "What the
-# hierarchy costs"); more while these are few, for reading a round takes time too, and most nodes are still to come.
+# A round adds at most ROUND_GROWTH times the photons so far, since nodes that are split late lose the photons from before (docs/paper.md,
+# "What the hierarchy costs"). It adds up to EARLY_GROWTH times as many while there are less than EARLY_PHOTONS: evaluating a round takes
+# time too, and most nodes are not split yet.
 ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
 EARLY_PHOTONS = 1 << 20
-# Least photons of the first and the second round, within the bake's limit: without a guide they can be traced before there are trees, by
-# first_photons.
+# Least photons of the first and the second round, within the bake's limit: without a guide, first_photons can trace them before there are
+# trees.
 AHEAD_PHOTONS = FIRST_ROUND_PHOTONS, int(EARLY_GROWTH * FIRST_ROUND_PHOTONS)
-# Where the requested error needs fewer than NEAR_TIMES the photons so far, a round adds as many as it needs, up to NEAR_GROWTH times. Few
-# nodes are still to come then, and each round less saves its reading; the loss of late nodes shows only in bakes of many more photons.
+# If the requested error needs fewer than NEAR_TIMES the photons so far, a round adds as many as it needs, up to NEAR_GROWTH times. Few
+# nodes will be split then, and fewer rounds take less evaluation; the loss at late nodes shows only in bakes of many more photons.
 NEAR_TIMES, NEAR_GROWTH = 36.0, 5.0
-ROUND_PHOTONS = 1 << 22  # at most, so that progress, cancelling and time limits are felt
-# ... and at least so many photons for each node: reading a round takes as long as tracing these does on two cores, and on some samples
-# several times as long.
+# A round has at most ROUND_PHOTONS, so that progress, cancelling and time limits take effect soon; but at least NODE_PHOTONS for each node,
+# since evaluating a round takes as long as tracing those on two cores, and several times as long on some samples.
+ROUND_PHOTONS = 1 << 22
 NODE_PHOTONS = 16
-SPARE = 1.1  # margin of squared noise that a round aims at, for it may turn out higher than predicted
+SPARE = 1.1  # safety factor on the squared noise, which may turn out higher than predicted
 
 
 def grow_photons(noise2: float, wanted2: float, degree: int | None) -> float:
-    """Factor on the photons so far that probably brings squared noise from noise2 >= 0 to wanted2 > 0.
+    """Predicted factor on the number of photons that brings squared noise from noise2 >= 0 to wanted2 > 0.
 
-    Trees are refined as photons come, which leaves fewer to each leaf: with N photons and functions of order p = degree + 1 on surfaces,
+    Refinement with more photons leaves fewer to each leaf. With N photons and functions of order p = degree + 1 on surfaces,
 
         error^2 ~ N^(-p / (p + 1))   [Stone 1982, "Optimal global rates of convergence for nonparametric regression"]
 
-    degree   of the basis; None where trees stay as they are, and noise falls as 1 / N
+    degree   of the basis; None if the trees are fixed, so that noise falls as 1 / N
     """
     power = 1.0 if degree is None else (degree + 2) / (degree + 1)
     growth: float = (noise2 / wanted2) ** power
@@ -59,14 +61,15 @@ def next_photons(
     fixed_error: float,
     degree: int | None,
 ) -> tuple[int, bool]:
-    """Photons of the next round: those that the requested error probably needs, up to a limit for one round. Also whether they are probably
-    enough, so that no round follows.
+    """Photons of the next round: the predicted need of the requested error, up to the limits of a round. Also whether no further round is
+    expected.
 
-    so_far        photons so far, of a bake that may have `most`
+    so_far        photons so far
+    most          photons that the bake may have
     n_node        nodes of the trees
-    error         relative, so far; nan where it is unknown
-    fixed_error   relative, the part that photons do not reduce
-    degree        of grow_photons
+    error         current relative error; nan if unknown
+    fixed_error   the part of it that photons do not reduce
+    degree        as for grow_photons
     """
     if not so_far:
         wanted = min(FIRST_NODE_PHOTONS * n_node, MOST_FIRST_PHOTONS, int(FIRST_SHARE * most))
@@ -84,31 +87,31 @@ def next_photons(
 
 
 def count_ahead(round_: int, by_rays: bool) -> int:
-    """AHEAD_PHOTONS of a round, else 0: the second round of photons alone tallies them by place of emission, which takes a guide."""
+    """Photons of a round that can be traced ahead. Without direct light by rays the second round has a guide and cannot be."""
     return AHEAD_PHOTONS[round_] if round_ < (len(AHEAD_PHOTONS) if by_rays else 1) else 0
 
 
 def share_photons(photons: int, ahead: int = 0) -> list[int]:
-    """Photons of each shard of a round, for both halves of the bake in turn: equal shards, the last ones half as large where they are many.
+    """Photons of each shard of a round, alternating between both halves of the bake. Shards are equal, but the last ones of many are half
+    as large.
 
-    ahead   so many of them, of count_ahead, come first in shards of their own
+    ahead   number of them, from count_ahead, that come first in shards of their own
 
-    All others wait for the last shard, and less for a small one; but small shards take longer by the photon, and their stratification is
-    coarser.
+    Workers wait for the last shard, and less long if it is small; but small shards cost more per photon and are stratified more coarsely.
     """
     if 0 < ahead < photons:
         return share_photons(ahead) + share_photons(photons - ahead)
     n_pair = max(1, math.ceil(photons / (2 * SHARD_PHOTONS)))
-    ends = [2 * pair for pair in range(n_pair + 1)]  # of all pairs, in half shards
+    ends = [2 * pair for pair in range(n_pair + 1)]  # of the pairs, in units of half a shard
     if n_pair >= MANY_PAIRS:
-        ends.insert(n_pair, 2 * n_pair - 1)  # SMALL_PAIRS in place of one
+        ends.insert(n_pair, 2 * n_pair - 1)  # cuts the last pair into SMALL_PAIRS
     halves = (photons + 1) // 2, photons // 2
     return [half * end // ends[-1] - half * start // ends[-1] for start, end in pairwise(ends) for half in halves]
 
 
 def count_late(n_shard: int, left: int) -> int:
-    """How many of the small last shards of a round of `n_shard` may arrive in the next round; see photon_rounds.
+    """Number of last shards of a round of `n_shard` that may arrive during the next round; see photon_rounds.
 
-    left   photons that the bake may still have; 0 where no round follows, which waits for all shards
+    left   photons that the bake may still have; 0 if no round follows, so that this one waits for all shards
     """
     return 2 * SMALL_PAIRS if n_shard > 2 * MANY_PAIRS and left > 1 and uses("late_shards") else 0

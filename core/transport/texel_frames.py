@@ -1,4 +1,4 @@
-"""Where texels lie in the scene and how they are turned; what is alike on all of a triangle is worked out once for it."""
+"""Positions and axes of texels in the scene; what all texels of a triangle share is computed once."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .traced_scene import TracedScene
 
 @dataclass(frozen=True)
 class TexelFrames:
-    """Of the k triangles that texels have.
+    """Frames of the k triangles that have texels.
 
-    row       (n_tri,) int32              of each triangle in the fields below; any of one that no texel has
+    row       (n_tri,) int32              column of each triangle in the fields below; arbitrary for one without texels
     corner    (9, k) float64, m           x, y, z of corner 0, of corner 1 and of corner 2
     normal    (3, k) float32              geometric, unit
-    side      (k,) float64, unit box      of a texel on the surface
-    axes      (2, 3, k) float32, unit     the ways of growing columns and rows, see contact.texel_axes
+    side      (k,) float64, unit box      side of a texel on the surface
+    axes      (2, 3, k) float32, unit     directions of increasing columns and rows, see contact.texel_axes
     """
 
     texels: TexelMap
@@ -51,7 +51,7 @@ class TexelFrames:
         )
 
     def find_places(self, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], Float64]:
-        """Positions (m, 3), unit box, normals (m, 3) and sides (m,), unit box, of texel entries (m,)."""
+        """Positions (m, 3) and sides (m,), unit box, and normals (m, 3) between them, at texel entries (m,)."""
         row = self._rows(entry)
         weight = self.texels.bary_at(entry).T
         corner = gather(self.corner, row).reshape(3, 3, -1)

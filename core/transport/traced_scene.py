@@ -1,4 +1,4 @@
-"""The scene of a bake, opened for rays from the files in its folder."""
+"""The scene of a bake, loaded from the files in its folder and prepared for rays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from . import photons
 
 @dataclass(frozen=True)
 class TracedScene:
-    """A scene ready for rays."""
+    """A scene prepared for rays."""
 
     snapshot: SceneSnapshot
     unit_box: UnitBox
@@ -35,14 +35,14 @@ class TracedScene:
 
 @dataclass(frozen=True)
 class Tracing(TracedScene):
-    """What a process needs to trace: the scene, and where hits fall."""
+    """A scene and the texel map on which hits are deposited."""
 
     texels: TexelMap
 
 
 @keep_scene_open
 def open_scene(folder: str) -> TracedScene:
-    """The scene that was written to `folder`; a process keeps the last one open.
+    """Open the scene that was written to `folder`; a process keeps the last one open.
 
     Raises ValueError with a sentence when the scene has no light.
     """
@@ -59,13 +59,13 @@ def open_scene(folder: str) -> TracedScene:
 
 @keep_scene_open
 def open_tracing(folder: str) -> Tracing:
-    """The same with the texel map that was written there too."""
+    """As open_scene, with the texel map that was written there too."""
     opened = open_scene(folder)
     texels = shared_arrays.load_struct(Path(folder) / TEXELS_FOLDER, TexelMap)
     return Tracing(opened.snapshot, opened.unit_box, opened.scene, opened.meshes, opened.warnings, opened.cells, texels)
 
 
 def open_ahead(folder: str) -> None:
-    """Open the scene in `folder` ahead of the work; its errors are raised with the first work."""
+    """Open the scene in `folder` ahead of the work; the first task raises its errors."""
     with contextlib.suppress(ValueError, OSError):
         open_scene(folder)

@@ -7,7 +7,7 @@ import pytest
 from leaflight.core.lights.joined_emitters import JoinedEmitters
 from leaflight.core.lights.lights import make_births
 from leaflight.core.scene.rays import RayScene
-from leaflight.core.transport.emission import BATCH, Photons, bear_photons, light_every_surface, soften
+from leaflight.core.transport.emission import BATCH, Photons, emit_photons, light_every_surface, soften
 from leaflight.core.transport.emission_cells import BINS, SLICES, BirthCells, find_slice
 
 
@@ -28,7 +28,7 @@ LAMPS = Down(np.array([1.0, 2.0, 3.0])), Down(np.full(3, 6.0), casts_shadow=Fals
 
 def bear(n, share=1.0, lamps=LAMPS):
     shares = np.array([lamp.power_rgb.mean() for lamp in lamps])
-    return list(bear_photons(JoinedEmitters.of(lamps), BirthCells.whole(shares / shares.sum()), n, share, np.random.default_rng(1)))
+    return list(emit_photons(JoinedEmitters.of(lamps), BirthCells.whole(shares / shares.sum()), n, share, np.random.default_rng(1)))
 
 
 def test_photons_come_in_batches_and_carry_the_power_between_them():
@@ -47,7 +47,7 @@ def test_each_lamp_has_its_share_and_its_mark():
 
 def test_no_photons_of_no_light():
     assert bear(0) == []
-    assert list(bear_photons(JoinedEmitters.of(LAMPS), BirthCells.whole(np.zeros(2)), 10, 1.0, np.random.default_rng(1))) == []
+    assert list(emit_photons(JoinedEmitters.of(LAMPS), BirthCells.whole(np.zeros(2)), 10, 1.0, np.random.default_rng(1))) == []
 
 
 def test_photons_of_cells_carry_their_light_between_them():
@@ -67,7 +67,7 @@ def test_photons_of_cells_carry_their_light_between_them():
             return super().emit(u)
 
     lamps = Asked(LAMPS[0].power_rgb), LAMPS[1]
-    batches = list(bear_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), with_bins=True))
+    batches = list(emit_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), with_bins=True))
     group = np.concatenate([photons.group for photons, _ in batches])
     flux = np.concatenate([photons.flux for photons, _ in batches], axis=1).astype(float)
     cell = group // BINS
@@ -85,7 +85,7 @@ def test_photons_of_cells_carry_their_light_between_them():
 def test_lamps_that_are_not_cut_carry_their_light_however_many_photons_they_have(share):
     """As of scenes of many lamps, each with too few photons to be cut."""
     cells = replace(BirthCells.whole(np.array([0.25, 0.75])), share=np.array(share))
-    ((photons, shadowless),) = bear_photons(JoinedEmitters.of(LAMPS), cells, 80_000, 1.0, np.random.default_rng(1))
+    ((photons, shadowless),) = emit_photons(JoinedEmitters.of(LAMPS), cells, 80_000, 1.0, np.random.default_rng(1))
     assert shadowless.mean() == pytest.approx(share[1], abs=1e-4)
     for lamp, own in zip(LAMPS, (~shadowless, shadowless), strict=True):
         np.testing.assert_allclose(photons.flux[:, own].sum(axis=1, dtype=float), lamp.power_rgb, rtol=1e-3)
