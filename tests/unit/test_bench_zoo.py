@@ -1,16 +1,14 @@
 """The parts of the zoo's benchmark that bake nothing: seeds, windows, batches, pages put together, ratios, tables."""
 
 import datetime
-import math
 from pathlib import Path
 
 import bench_zoo
 import numpy as np
 import pytest
 from speed_curves import Point
-from zoo_bakes import list_more_samples
 from zoo_reference import PageReference, Subject, find_reference, next_samples, reference_path, spread_windows
-from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, join_outcomes, share_of_tracing, summarize
+from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, share_of_tracing, summarize
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
 SAMPLED = tuple(Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64))
@@ -86,14 +84,6 @@ def test_a_good_reference_of_the_cache_is_taken_as_it_is(tmp_path):
     assert find_reference(subject, "layout", 32, 60.0, 0.01).noise == 0.0
 
 
-def test_ratios_to_rivals():
-    assert GOOD.ratio(CYCLES, 0.05) == pytest.approx((2.0 + 0.1 * 400) / 2.0)
-    assert GOOD.ratio(OIDN, 0.02) == math.inf  # it stops at 4 %, and is not extrapolated
-    assert SLOW.ratio(CYCLES, 0.02) == 0.0
-    assert SLOW.ratio(OIDN, 0.02) is None
-    assert GOOD.reach(OURS, 0.02).seconds == pytest.approx(6.0)
-
-
 def test_the_summary_has_means_and_the_worst():
     table = summarize([GOOD, SLOW])
     assert row(table, "seconds to 5%")[1:3] == ["4", "8"]
@@ -112,33 +102,6 @@ def test_the_share_of_tracing_counts_all_processes():
     assert share_of_tracing({}, 20.0) is None
     with pytest.raises(ValueError, match="trace_more"):
         share_of_tracing({"trace_more": 1.0}, 20.0)
-
-
-def test_turns_are_joined_by_medians():
-    joined = join_outcomes([outcome(0.05, 0.03, 2.0), outcome(0.05, 0.04, 9.0), outcome(0.05, 0.05, 3.0)])
-    assert (joined.seconds, joined.cpu_s) == (3.0, 6.0)
-    assert joined.rel == pytest.approx(math.sqrt(50e-4 / 3))
-    assert joined.asked == 0.05
-
-
-def test_cycles_is_waited_for_while_its_filtered_bakes_err_too_much():
-    def more(seconds, rel):
-        series = {CYCLES: [Point(1.0, 0.4, 0.4, 4), Point(seconds, 0.2, 0.2, 16)], OIDN: [Point(seconds, rel, rel, 16)]}
-        return list_more_samples(series, (4, 16, 64, 256), 10.0)
-
-    assert more(9.0, 0.021) == [64]
-    assert more(11.0, 0.021) == more(9.0, 0.02) == []
-
-
-def test_the_page_of_docs_gets_its_tables(tmp_path):
-    page = tmp_path / "zoo.md"
-    names = [f"{files}{name}" for files in ("", "files ") for name in ("summary", "times", "bakes", "scenes")]
-    page.write_text("".join(f"<!-- table: {name} -->\n\n<!-- end -->\n" for name in names))
-    bench_zoo.write_page(page, [GOOD], False)
-    bench_zoo.write_page(page, [SLOW], True)
-    parts = page.read_text().split("<!-- end -->")
-    assert all("good" in part or "seconds to" in part for part in parts[:4])
-    assert all("slow" in part or "seconds to" in part for part in parts[4:8])
 
 
 def test_a_scene_that_fails_is_told_and_the_others_are_run(monkeypatch, capsys):

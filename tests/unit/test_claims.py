@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import bench_claims
 import print_claims
 import pytest
 from claims import Claim, hold_claim, load_claims, publish_claims, save_claims, tabulate_claims, tell_failures
@@ -54,12 +53,6 @@ def test_claims_come_back_from_a_file(tmp_path):
     assert load_claims(tmp_path / "new" / "claims.json") == SOME
 
 
-def test_a_benchmark_publishes_its_claims(tmp_path, capsys):
-    assert publish_claims("sun", SOME, tmp_path) == 0
-    assert load_claims(tmp_path / "sun.json") == SOME
-    assert "| slope | over size | 1 | 2.02 | 1.85 to 2.15 | yes |" in capsys.readouterr().out
-
-
 def test_the_table_of_all_benchmarks_goes_into_the_page(tmp_path, monkeypatch):
     page = tmp_path / "accuracy.md"
     page.write_text("a\n<!-- table: claims -->\nold\n<!-- end -->\nb\n", encoding="utf-8")
@@ -70,18 +63,6 @@ def test_the_table_of_all_benchmarks_goes_into_the_page(tmp_path, monkeypatch):
         publish_claims(name, claims, tmp_path / "claims")
     assert print_claims.main() == 0
     assert page.read_text(encoding="utf-8") == f"a\n<!-- table: claims -->\n\n{tabulate_claims(SOME)}\n\n<!-- end -->\nb\n"
-
-
-def test_convergence_is_drawn_and_small(tmp_path):
-    pytest.importorskip("matplotlib")  # of the bench extra, not of the tests'
-    points = ((10.0, 0.1), (20.0, 0.05))
-    claims = [
-        Claim("convergence: slope of log error over log node size, linear", 2.0, 1.8, 2.2, points=points),
-        Claim("convergence: slope of log error over log photons, albedo 0", -0.6, -1.1, -0.4, points=points),
-        *SOME,
-    ]
-    bench_claims.draw_convergence(claims, tmp_path / "new" / "picture.png")
-    assert 5_000 < (tmp_path / "new" / "picture.png").stat().st_size < 200_000
 
 
 def test_a_claim_that_fails_is_kept_and_raised():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from lightmap_errors import local_differences, measure_errors, reference_noise
+from lightmap_errors import measure_errors, reference_noise
 
 N = 40_000
 
@@ -70,12 +70,6 @@ def test_the_noise_of_the_reference_is_told():
     _, first, second = renderings(0.1)
     assert reference_noise(first, second) == pytest.approx(0.1 / np.sqrt(2.0), rel=0.1)  # a tenth: dark ones count a little less
     assert reference_noise(first, first) == 0.0
-
-
-def test_local_differences_are_relative_to_brightness():
-    truth = np.full((10, 3), 2.0)
-    truth[5:] = 0.0
-    np.testing.assert_allclose(local_differences(truth + 0.1, truth, truth), np.repeat([0.1 / 2.1, 1.0], 5))
 
 
 def test_renderings_without_any_light_have_no_noise_to_measure():
