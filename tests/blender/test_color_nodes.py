@@ -170,7 +170,7 @@ def test_a_mix_of_two_images_by_a_third(blend):
     paint.check(paint.feed(node, Factor=pictures[0], A=pictures[1], B=pictures[2]))
 
 
-@pytest.mark.parametrize("blend", ["MIX", "MULTIPLY", "ADD", "SCREEN", "SUBTRACT"])
+@pytest.mark.parametrize("blend", ["MIX", "MULTIPLY", "SUBTRACT"])
 @pytest.mark.parametrize("textured", ["A", "B", ""])
 def test_a_mix_with_a_constant(blend, textured):
     paint = Paint()
@@ -241,7 +241,7 @@ def test_a_math_node_that_clamps():
     paint.check(node.outputs[0])
 
 
-@pytest.mark.parametrize("kelvin", [500.0, 900.0, 1300.0, 2700.0, 5000.0, 9000.0, 20000.0])
+@pytest.mark.parametrize("kelvin", [500.0, 1300.0, 2700.0, 9000.0])
 def test_blackbody(kelvin):
     paint = Paint()
     paint.check(paint.feed(paint.add("Blackbody"), Temperature=kelvin))

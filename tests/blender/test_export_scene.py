@@ -91,13 +91,6 @@ def test_the_layer_of_an_earlier_bake_is_none_of_a_textures():
     assert export(uv_layer=mesh.uv_layers[0].name).snapshot.objects[0].has_layer
 
 
-def test_named_objects_receive_and_others_cast():
-    add_object("Floor")
-    add_object("Lamp")
-    result = export(objects=["Floor"])
-    assert {o.name: o.receives for o in result.snapshot.objects} == {"Floor": True, "Lamp": False}
-
-
 @pytest.mark.parametrize(
     ("names", "text"),
     [

@@ -280,34 +280,6 @@ def test_texture_coordinates_of_the_mesh_are_exact_and_those_of_the_window_are_r
             assert reading.material.albedo_rgb == pytest.approx((0.25, 0.5, 0.75))
 
 
-def test_multiplied_image_is_exact():
-    image, _ = make_image()
-    tree = Tree()
-    mix = tree.add("Mix")
-    mix.data_type, mix.blend_type = "RGBA", "MULTIPLY"
-    mix.inputs[0].default_value = 0.5
-    tree.feed(mix, mix.inputs[6], add_image(tree, image).outputs[0])
-    tree.feed(mix, mix.inputs[7], (0.5, 0.0, 1.0))
-    reading, _, warning = tree.show(tree.add("BsdfDiffuse", Color=mix.outputs[2])).read()
-    assert warning == ""
-    assert reading.material.albedo_image == 0
-    assert reading.material.albedo_rgb == pytest.approx((0.75, 0.5, 1.0))
-
-
-def test_mix_of_constants_ramp_and_math():
-    tree = Tree()
-    value = tree.add("Value")
-    value.outputs[0].default_value = 0.25
-    math = tree.add("Math")
-    math.operation = "MULTIPLY"
-    tree.feed(math, math.inputs[0], value.outputs[0])
-    tree.feed(math, math.inputs[1], 2.0)
-    ramp = tree.add("ValToRGB", Fac=math.outputs[0])  # black to white
-    reading, _, warning = tree.show(tree.add("BsdfDiffuse", Color=ramp.outputs[0])).read()
-    assert warning == ""
-    assert reading.material.albedo_rgb == pytest.approx((0.5, 0.5, 0.5), abs=1e-6)
-
-
 def test_metal_and_transmission_leave_their_diffuse_part():
     tree = Tree()
     tree.show(tree.add("BsdfPrincipled", Base_Color=(0.8, 0.4, 0.2), Metallic=0.25, Transmission_Weight=0.5))
@@ -318,14 +290,6 @@ def test_metal_and_transmission_leave_their_diffuse_part():
     assert reading.material.glass_rgb == pytest.approx(0.375 * np.sqrt((0.8, 0.4, 0.2)))
     assert reading.material.glass_mirror_rgb == pytest.approx((0.375,) * 3)
     assert not any(reading.material.passing_rgb)
-    assert warning == ""
-
-
-def test_a_transparent_shader_passes_light():
-    tree = Tree()
-    reading, _, warning = tree.show(tree.add("BsdfTransparent", Color=(0.5, 0.25, 1.0))).read()
-    assert reading.is_clear
-    assert reading.material.passing_rgb == pytest.approx((0.5, 0.25, 1.0))
     assert warning == ""
 
 
@@ -371,27 +335,6 @@ def test_glass_in_a_mix_is_glass_in_part():
     assert warning == ""
 
 
-@pytest.mark.parametrize("alpha", [1.0, 0.7, 0.2])
-def test_alpha(alpha):
-    tree = Tree()
-    reading, _, warning = tree.show(tree.add("BsdfPrincipled", Base_Color=(1.0, 1.0, 1.0), Alpha=alpha)).read()
-    assert reading.material.albedo_rgb == pytest.approx((alpha,) * 3)
-    assert reading.material.passing_rgb == pytest.approx((1.0 - alpha,) * 3)
-    assert not reading.is_clear
-    assert warning == ""
-
-
-def test_alpha_from_an_image():
-    image = bpy.data.images.new("Leaf", 4, 4, alpha=True)
-    image.pixels.foreach_set(np.tile([1.0, 1.0, 1.0, 0.25], 16).astype(np.float32))
-    tree = Tree()
-    texture = add_image(tree, image)
-    shader = tree.add("BsdfPrincipled", Base_Color=texture.outputs["Color"], Alpha=texture.outputs["Alpha"])
-    reading, _, warning = tree.show(shader).read()
-    assert reading.material.passing_image >= 0
-    assert warning == ""
-
-
 def test_mix_and_add_shader():
     tree = Tree()
     diffuse, other = tree.add("BsdfDiffuse", Color=(1.0, 0.0, 0.0)), tree.add("BsdfDiffuse", Color=(0.0, 1.0, 0.0))
@@ -406,20 +349,6 @@ def test_mix_and_add_shader():
     assert warning == ""
     assert reading.material.albedo_rgb == pytest.approx((0.75, 0.25, 0.0))
     assert reading.material.emission_rgb == pytest.approx((3.0, 3.0, 1.5))
-
-
-def test_a_cut_out_by_an_image():
-    image = bpy.data.images.new("Leaf", 4, 4, alpha=True)
-    image.pixels.foreach_set(np.tile([1.0, 1.0, 1.0, 0.25], 16).astype(np.float32))
-    tree = Tree()
-    mix = tree.add("MixShader")
-    texture = add_image(tree, image)
-    parts = (texture.outputs["Alpha"], tree.add("BsdfTransparent").outputs[0], tree.add("BsdfDiffuse", Color=(0.2, 0.4, 0.6)).outputs[0])
-    for socket, value in zip(mix.inputs, parts, strict=True):
-        tree.feed(mix, socket, value)
-    reading, _, warning = tree.show(mix).read()
-    assert (reading.material.albedo_image >= 0, reading.material.passing_image >= 0) == (True, True)
-    assert warning == ""
 
 
 def make_group(tree):
