@@ -80,15 +80,6 @@ def test_raw_sums_move_up_and_coefficients_down(degree):
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
-def test_polynomials_at_points(degree):
-    rng = np.random.default_rng(3)
-    s, t = rng.uniform(-1, 1, (2, 7))
-    coefficient = rng.normal(size=(2, basis.count_functions(degree), 7))
-    terms = [1, s, t, s * s, s * t, t * t][: basis.count_functions(degree)]
-    np.testing.assert_allclose(basis.evaluate(coefficient, s, t, degree), sum(coefficient[:, k] * term for k, term in enumerate(terms)))
-
-
-@pytest.mark.parametrize("degree", [0, 1, 2])
 def test_squared_functions_at_points(degree):
     rng = np.random.default_rng(5)
     gram = basis.gram_matrix(np.stack([clipped_moments(rng, degree)[3] for _ in range(7)]), degree)

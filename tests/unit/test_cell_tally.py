@@ -46,18 +46,6 @@ def test_points_that_are_spread_evenly_fall_evenly_into_the_cells(cells):
     assert ((found - expected) ** 2 / expected).sum() / count == pytest.approx(1.0, abs=6 * np.sqrt(2 / count))
 
 
-def test_the_points_of_a_cell_lie_together(cells):
-    """No two of them are farther apart than its longest edge, for a right triangle of legs 1."""
-    u, v = points(200_000, seed=2)
-    cell = cells.find(np.full(len(u), 1), np.ones(len(u), bool), u, v)
-    edge = cells.per_edge[0, 1]
-    for place in (u, v):
-        low, high = np.full(len(cells), 2.0), np.full(len(cells), -1.0)
-        np.minimum.at(low, cell, place)
-        np.maximum.at(high, cell, place)
-        assert (high - low).max() <= 1.0 / edge + 1e-5
-
-
 def test_light_is_flux_over_area_and_doubt_is_half_the_gap_of_the_halves(cells):
     tally = CellTally.empty(len(cells))
     u, v = points(50_000)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core.atlas import chart_cache
-from leaflight.core.atlas.chart_cache import ChartCache, find_charts_file
+from leaflight.core.atlas.chart_cache import ChartCache
 from leaflight.core.atlas.chart_search import find_charts
 from leaflight.core.bake import bake
 from leaflight.core.scene.snapshot import save_snapshot
@@ -55,18 +55,6 @@ def save_charts(scene, file, earlier=None):
     found = find_charts(scene, True, kept=kept)
     kept.save(file)
     return found
-
-
-def test_known_charts_are_the_same_and_nobody_is_asked(tmp_path, asked):
-    scene = make_scene([BALL, CLOTH])
-    first = save_charts(scene, tmp_path / "charts")
-    assert asked == [N_BALL, N_CLOTH]
-    asked.clear()
-    kept = ChartCache.load(tmp_path / "charts")
-    again = find_charts(scene, True, kept=kept)
-    assert (asked, kept.known) == ([], 2)
-    for name in ("chart", "uv", "first_chart"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
 
 
 def test_only_what_has_changed_is_unwrapped_whatever_comes_before_it(tmp_path, asked):
@@ -183,8 +171,3 @@ def test_charts_that_do_not_fit_a_page_are_kept_for_a_larger_one(bake_lamp):
     with pytest.raises(ValueError, match="do not fit a page"):
         bake_lamp(size=16, padding=8)
     assert bake_lamp()[0]["skipped"]["objects_unwrapped_before"] == 2
-
-
-def test_where_they_are_kept(tmp_path):
-    assert find_charts_file(Job(Settings(), str(tmp_path), "a/b")).parent == tmp_path
-    assert find_charts_file(Job(QUICK, str(tmp_path), "room")).name == ".leaflight_room.charts"

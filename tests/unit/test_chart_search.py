@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core.atlas import chart_cache, chart_search
 from leaflight.core.atlas.chart_search import find_charts
-from leaflight.core.atlas.layer_check import signed_areas
 from leaflight.core.atlas.unfolding import UnfolderDied
-from leaflight.core.util.geometry import triangle_normals_areas
 from scenes import box_mesh, grid_mesh, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh, split_faces
 
 CLOTH = grid_mesh("Cloth", cells=4, noise=0.8)
@@ -24,25 +22,6 @@ def test_charts_of_an_object_follow_each_other_upright_and_at_zero():
         assert found.uv[found.chart == c].min(axis=(0, 1)).tolist() == [0.0, 0.0]
     assert (found.layered, found.blocks, found.findings) == ((1,), (), ())
     assert found.outlines.extent[found.first_chart[1]].tolist() == [0.0, 0.0]
-
-
-def test_shared_charts_are_found_once_and_worn_in_each_ones_metres(monkeypatch):
-    scene = make_scene([shared_mesh("A", CLOTH), shared_mesh("B", CLOTH, (-2.0, 2.0, 2.0)), shared_mesh("C", CLOTH, (1.0, 1.2, 1.0))])
-    calls = []
-    real = chart_cache.Unwrapping
-    monkeypatch.setattr(chart_cache, "Unwrapping", lambda *arrays: calls.append(len(arrays[0])) or real(*arrays))
-    found = find_charts(scene, True)
-    assert sum(calls) == scene.n_tri / 3
-    assert len(found.blocks) == 1
-    count = int(found.first_chart[1])
-    rows = np.arange(scene.n_tri).reshape(3, -1)
-    for k in (1, 2):
-        np.testing.assert_array_equal(found.chart[rows[k]], found.chart[rows[0]] + k * count)
-    area = triangle_normals_areas(scene.tri_position)[1]
-    for k in range(3):
-        assert np.abs(signed_areas(found.uv[rows[k]])).sum() == pytest.approx(area[rows[k]].sum())
-    find_charts(scene, False)
-    assert sum(calls) == scene.n_tri * 4 / 3
 
 
 def test_an_objects_charts_lie_the_same_way_whatever_is_unwrapped_with_it():

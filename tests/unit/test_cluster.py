@@ -165,11 +165,10 @@ def test_folders_that_workers_do_not_see_are_sent(farm, local, tmp_path):
     assert len(farm.list_copies()) >= 4  # scene and views, on each of two workers
 
 
-@pytest.mark.parametrize("everyone", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.usefixtures("hidden")
-def test_killed_workers_cost_time_and_not_the_bake(farm, local, tmp_path, monkeypatch, everyone):
+def test_killed_workers_cost_time_and_not_the_bake(farm, local, tmp_path, monkeypatch):
     """Nor do workers that come late, to whom nothing has been sent yet."""
-    doomed = [process for process in farm.processes[1:] if process.poll() is None][: 2 if everyone else 1]
+    doomed = [process for process in farm.processes[1:] if process.poll() is None]
     shards = []
     with cluster.connect(farm.address) as executor:
         submit = executor.submit
@@ -260,26 +259,3 @@ def test_a_cluster_that_loses_its_workers_or_its_scheduler_is_told(tmp_path, mon
                 waiting.result(PATIENCE_S)
     finally:
         short.stop()
-
-
-def test_a_digest_is_seen_only_where_what_it_is_of_is_seen(tmp_path, monkeypatch):
-    """A mapped array is not on a shared drive before it is synchronised."""
-    (tmp_path / "inner").mkdir()
-    for name in ("a.npy", "inner/b.npy"):
-        (tmp_path / name).write_bytes(b"123")
-    synced, fsync = [], os.fsync
-
-    def note(number):
-        assert not (tmp_path / cluster.STAMP_FILE).exists()
-        synced.append(os.fstat(number).st_ino)
-        fsync(number)
-
-    monkeypatch.setattr(cluster.os, "fsync", note)
-    cluster.stamp_folder(tmp_path, ())
-    assert synced == [(tmp_path / name).stat().st_ino for name in ("a.npy", "inner/b.npy")]
-
-
-@pytest.mark.parametrize(("view", "fields"), [("", ["tracing"]), ("there", ["tracing", "view"])])
-def test_folders_are_sent_of_what_a_shard_names(view, fields):
-    shard = texel_shards.DirectShard("here", seed=1, turn=0, start=0, texels=range(4), tolerance=0.1, view=view)
-    assert cluster._folder_fields(shard) == fields

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from leaflight.core.radiosity import coefficient_shrinkage, tally
-from trees import SquareBake, even
+from trees import SquareBake
 
 ROOT = np.array([0])
 
@@ -68,12 +68,6 @@ def test_flux_stays_and_so_do_other_nodes(degree, width):
     np.testing.assert_array_equal(shown.project[1:], bake.tree.project[1:])
     if degree == 0:
         np.testing.assert_allclose(shown.project, bake.tree.project)
-
-
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_without_photons_nothing_is_shown(degree):
-    *_, shrunk = shrunk_bake(even, 0, degree)
-    assert (shrunk.coefficient == 0.0).all()
 
 
 @pytest.mark.parametrize(

@@ -57,12 +57,6 @@ def test_what_cannot_be_told_yet_is_left_out():
         ("interrupted", 0.5, 0.008, ""),
         ("max_photons", 0.007, 0.008, ""),
         (
-            "max_photons",
-            0.0131,
-            0.008,
-            "stopped at --max-photons with an error of 1.3 %, where 0.8 % was asked for; raise --max-photons or --error",
-        ),
-        (
             "time_limit",
             0.05001,
             0.05,

@@ -21,16 +21,6 @@ def test_rules_are_exact_on_the_unit_triangle(degree: int) -> None:
     np.testing.assert_allclose(piece_moments(unit, degree)[:, 0], expected, rtol=1e-14)
 
 
-def test_order_of_monomials() -> None:
-    assert monomial_exponents(2) == ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-    assert [len(monomial_exponents(degree)) for degree in (0, 2, 4)] == [1, 6, 15]
-
-
-def test_degree_is_refused() -> None:
-    with pytest.raises(ValueError, match="degree: expected 0, 2 or 4, got 3"):
-        monomial_exponents(3)
-
-
 @given(RANGES, st.integers(1, 9))
 def test_ranges_are_cut_without_loss(ranges: list[tuple[int, int]], size: int) -> None:
     start = np.array([low for low, _ in ranges], dtype=np.int64)
@@ -72,8 +62,3 @@ def test_rows_that_follow_each_other_become_a_slice(rows: list[int], is_slice: b
     told = as_slice(np.array(rows, np.int64))
     assert isinstance(told, slice) == is_slice
     np.testing.assert_array_equal(np.arange(10)[told], rows)
-
-
-def test_a_range_is_a_slice():
-    assert as_slice(range(3, 7)) == slice(3, 7)
-    assert as_slice(range(0)) == slice(0, 0)

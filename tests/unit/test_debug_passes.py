@@ -56,15 +56,6 @@ def test_edges_are_one_texel_wide_and_lie_between_leaves():
     assert np.array_equal(edge, expected)
 
 
-def test_charts_are_numbered_and_what_no_chart_covers_is_empty():
-    pages = make_pages(width=0.5)
-    assert not pages.page("charts", 0)[..., :3].any()
-    assert pages.page("charts", 0)[..., 3].sum() == SIDE * SIDE / 2
-    look = pages.look("charts", 0, black)
-    assert (look[:, : SIDE // 2, :3] > 0).any(-1).all()
-    assert not look[:, SIDE // 2 :].any()
-
-
 @NAMES
 def test_numbers_are_alike_in_all_channels_and_colours_are_within_1(name):
     pages = make_pages(width=0.5)

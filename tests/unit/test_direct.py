@@ -14,7 +14,6 @@ from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.lights.irradiance import polygon_irradiance
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.transport import photons
-from leaflight.core.util import ablation
 from scenes import box_mesh, grid_mesh, moved, quad_mesh
 
 SIDE = 32
@@ -42,44 +41,6 @@ def from_panel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return radiance * polygon_irradiance(corners, position, np.tile([0.0, 0.0, 1.0], (x.size, 1))).reshape(x.shape)
 
 
-class TestUnoccluded:
-    def expect(self, light: Light, expected: np.ndarray, rel: float = 2e-3) -> None:
-        found = light_floor(lit_scene(lights=[light]))
-        assert red(found) == pytest.approx(expected, rel=rel)
-        rgb = np.array(light.power_rgb)
-        assert found.irradiance_rgb == pytest.approx(found.irradiance_rgb[:, :1] * rgb / rgb[0])
-        assert found.counters["rays"] == 4 * SIDE**2 or light.kind == "SPOT"
-
-    def test_sun(self):
-        self.expect(SUN, np.full((SIDE, SIDE), 3.0), 1e-6)
-        self.expect(replace(SUN, angle_rad=0.5), np.full((SIDE, SIDE), 3.0), 1e-6)
-
-    @pytest.mark.parametrize("radius", [0.0, 0.1])
-    def test_point(self, radius):
-        square = (PLACE[None, :] - 0.4) ** 2 + (PLACE[:, None] - 0.6) ** 2 + 0.64
-        expected = 4 / (4 * math.pi) * 0.8 / np.sqrt(square) / (square + radius**2)
-        self.expect(replace(BULB, radius_m=radius), expected)
-
-    def test_area(self):
-        self.expect(PANEL, from_panel(*np.meshgrid(PLACE, PLACE)))
-
-    def test_spot(self):
-        spot = replace(BULB, kind="SPOT", cone_angle_rad=2.0, blend=1.0)
-        square = (PLACE[None, :] - 0.4) ** 2 + (PLACE[:, None] - 0.6) ** 2 + 0.64
-        cosine = 0.8 / np.sqrt(square)
-        t = np.clip((cosine - math.cos(1.0)) / (1 - math.cos(1.0)), 0, 1)
-        self.expect(spot, 4 / (4 * math.pi) * cosine / square * t * t * (3 - 2 * t), 0.01)
-
-    def test_emitting_quad(self):
-        lamp = moved(quad_mesh("Lamp", 0.4, 0.4), (0.3, 0.3, 1.0))
-        found = light_floor(lit_scene(emission=[lamp], rgb=(2 / (math.pi * 0.16), 0, 0)))
-        assert red(found) == pytest.approx(from_panel(*np.meshgrid(PLACE, PLACE)), rel=2e-3)
-
-    def test_world(self):
-        found = light_floor(replace(lit_scene(), world_rgb=(0.5, 0.2, 0.0)))
-        assert red(found) == pytest.approx(math.pi * 0.5, rel=1e-6)
-
-
 class TestShadows:
     def test_sun_under_a_block(self):
         """Shadow from 0.35 to 0.65 m: its edges cut texels at 0.2 and 0.8 of their width, which the sub-points find."""
@@ -93,12 +54,6 @@ class TestShadows:
     def test_under_a_roof_it_is_dark(self, light):
         roof = moved(quad_mesh("Roof", 20, 20), (-9.5, -9.5, 0.1))
         assert not light_floor(lit_scene([roof], [light])).irradiance_rgb.any()
-
-    def test_a_light_that_casts_no_shadow(self):
-        free = light_floor(lit_scene(lights=[PANEL]))
-        found = light_floor(lit_scene([BLOCK], [replace(PANEL, casts_shadow=False)]))
-        np.testing.assert_allclose(found.irradiance_rgb, free.irradiance_rgb, rtol=2e-3, atol=1e-12)
-        assert found.counters["rays"] == 0
 
     def test_a_little_sky_is_not_lost(self):
         """By a slit that so few rays find that whole blocks of texels see nothing at first."""
@@ -116,28 +71,6 @@ class TestShadows:
         noise = found.std() / math.sqrt(len(found))
         assert noise < 0.05 * truth.mean()
         assert abs(found.mean() - truth.mean()) < sigma_limit(1) * noise
-
-    def test_penumbra_against_a_sum_over_the_light(self):
-        side, fine = 16, 24
-        found = red(light_floor(lit_scene([BLOCK], [PANEL]), side), side)
-        line = 0.3 + 0.4 * (np.arange(fine) + 0.5) / fine
-        light = np.stack([*(grid.ravel() for grid in np.meshgrid(line, line)), np.ones(fine * fine)], axis=1)
-        sub = (np.arange(side * 4) + 0.5) / (side * 4)
-        x, y = (grid.ravel() for grid in np.meshgrid(sub, sub))
-        position = np.stack([x, y, 0 * x], axis=1)
-        vector = light[None] - position[:, None]
-        square = (vector**2).sum(axis=2)
-        value = 2.0 / (math.pi * 0.16) * 0.16 / fine**2 / square**2
-        # Where the segment meets the block's slabs: 0.35 to 0.65 m, and 0.3 to 0.5 m high.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            low = (np.array([0.35, 0.35, 0.3]) - position[:, None]) / vector
-            high = (np.array([0.65, 0.65, 0.5]) - position[:, None]) / vector
-        enter, leave = np.minimum(low, high).max(axis=2), np.maximum(low, high).min(axis=2)
-        value[enter < leave] = 0
-        expected = value.sum(axis=1).reshape(side, 4, side, 4).mean(axis=(1, 3))
-        assert np.abs(found - expected).max() < 0.15 * expected.max()
-        assert np.sqrt(((found - expected) ** 2).mean()) < 0.04 * expected.mean()
-        assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
 
     def test_sky_beside_a_wall(self):
         """At the foot of a wide high wall half of the sky is left."""
@@ -220,27 +153,6 @@ def test_photons_say_the_same(name):
     assert counted.mean() == pytest.approx(found.mean(), rel=0.01)
 
 
-class TestManyLamps:
-    lamps = tuple(
-        replace(BULB, name=f"Bulb {k}", position_m=(0.1 + 0.2 * (k % 5), 0.1 + 0.2 * (k // 5), 0.6), power_rgb=(1.0, 0.0, 0.0))
-        for k in range(25)
-    )
-
-    def test_choosing_among_them_changes_only_the_noise(self, monkeypatch):
-        scene = lit_scene([BLOCK], self.lamps)
-        chosen = [red(light_floor(scene, seed=seed)) for seed in range(6)]
-        monkeypatch.setenv(ablation.VARIABLE, "lamp_crowd")
-        every = red(light_floor(scene))
-        assert np.mean(chosen) == pytest.approx(every.mean(), rel=0.01)
-        assert np.sqrt(((chosen[0] - every) ** 2).mean()) < 0.15 * every.mean()
-        assert np.mean(chosen, axis=0) == pytest.approx(every, abs=0.3 * every.mean())
-
-    def test_their_errors_are_honest(self):
-        runs = [light_floor(lit_scene([BLOCK], self.lamps), seed=seed) for seed in range(12)]
-        true = np.var([run.irradiance_rgb[:, 0] for run in runs], axis=0, ddof=1).mean()
-        assert 0.5 < true / np.mean([run.variance_rgb[:, 0].mean() for run in runs]) < 1.5
-
-
 @pytest.mark.parametrize("light", [PANEL, replace(SUN, angle_rad=0.3), BULB])
 def test_errors_are_honest(light):
     runs = [light_floor(lit_scene([BLOCK], [light]), seed=seed) for seed in range(12)]
@@ -256,17 +168,6 @@ def test_the_same_numbers_from_the_same_stream():
     assert np.array_equal(first.irradiance_rgb, again.irradiance_rgb)
     assert first.counters == again.counters
     assert not np.array_equal(first.irradiance_rgb, other.irradiance_rgb)
-
-
-def test_texels_may_be_any_of_them(monkeypatch):
-    """Chunks and the choice of texels change nothing but the noise."""
-    scene, _, _ = prepare(lit_scene(lights=[PANEL]))
-    column, row = morton_square(SIDE)
-    picked = np.flatnonzero((column + row) % 3 == 0)
-    monkeypatch.setattr(direct, "MOST_TEXELS", 100)
-    found = direct_irradiance(scene, floor_looks(SIDE), picked, np.random.default_rng(1))
-    expected = from_panel(PLACE[column[picked]], PLACE[row[picked]])
-    assert found.irradiance_rgb[:, 0] == pytest.approx(expected, rel=2e-3)
 
 
 def test_no_texels_and_no_lights():

@@ -24,13 +24,6 @@ def settle(folder, shoot=True, should_stop=lambda: False, **knobs):
     return settle_direct(folder, texels, lamp_scene().tri_object, settings, executor, direct, lambda message: None, should_stop)
 
 
-def test_noise_that_is_small_enough_ends_at_once(tmp_path):
-    light = settle(tmp_path, error=0.05)
-    assert (light.stopped_by, light.photons, light.rounds) == ("error", 0, 0)
-    assert 0 < light.error <= 0.05
-    assert light.direct.passes.max() == 1
-
-
 def test_worse_texels_are_shot_again(tmp_path, monkeypatch):
     monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)  # so that the first turn is too coarse
     first = settle(tmp_path / "a", error=1.0)
@@ -90,12 +83,6 @@ def test_what_is_stated_below_an_opening_is_what_the_light_is_off(below_hatch, h
         stated2.append(error**2)
         real2.append(np.sort(off2)[: int(BEST_TEXELS * len(off2))].mean())
     hold("floor below a hatch, no indirect light: stated error / error", np.sqrt(np.mean(stated2) / np.mean(real2)), low=0.8, high=1.3)
-
-
-def test_light_that_nobody_asks_for_has_no_error(tmp_path):
-    light = settle(tmp_path, shoot=False)
-    assert (light.stopped_by, light.error) == ("error", 0.0)
-    assert not light.direct.irradiance.any()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare
-from leaflight.core.lights.direct_lights import Aim
 from leaflight.core.lights.direct_points import MIDDLE, ReceivingSurfaces, TexelChunk, random_shift
 from leaflight.core.texels.texel_footprint import TexelLooks
 from leaflight.core.util.geometry import UnitBox
@@ -35,17 +34,6 @@ def chunk_at(surfaces: ReceivingSurfaces, tri: np.ndarray, u: float, v: float, f
     return TexelChunk(TexelLooks.of_squares(tri, weight), np.zeros((len(tri), 2), np.uint32), surfaces, flip)
 
 
-def test_receivers_lie_off_their_surface_and_flip():
-    scene, _, _ = prepare(lit_scene())
-    for flip, sign in ((False, 1), (True, -1)):
-        chunk = TexelChunk(floor_looks(4)(np.arange(16)), np.zeros((16, 2), np.uint32), scene.surfaces, flip)
-        receivers = chunk.receivers(np.arange(16), 0, 4)
-        assert receivers.position.shape == receivers.normal.shape == (64, 3)
-        assert (receivers.position[:, 2] * sign > 0).all()
-        assert (receivers.normal == [0, 0, sign]).all()
-        assert (receivers.side == [0, 0, sign]).all()
-
-
 def test_smooth_triangles_have_interpolated_unit_normals():
     flat = make_scene([sphere_mesh(rings=6, segments=8)])
     corner_normal = flat.tri_position / np.linalg.norm(flat.tri_position, axis=2, keepdims=True)
@@ -63,13 +51,3 @@ def test_smooth_triangles_have_interpolated_unit_normals():
     behind = chunk_at(surfaces, tri, 1 / 3, 1 / 3, flip=True).receivers_at(tri, MIDDLE)
     np.testing.assert_array_equal(behind.normal, -receivers.normal)
     np.testing.assert_array_equal(behind.side, -receivers.side)
-
-
-def test_what_comes_from_behind_the_face_or_weighs_nothing_is_not_seen():
-    scene, _, _ = prepare(lit_scene())
-    receivers = chunk_at(scene.surfaces, np.zeros(4, int), 0.25, 0.25).receivers_at(np.arange(4), MIDDLE)
-    direction = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0.1], [0, 0, 1]], np.float32)
-    weight = np.array([1, 1, 1, 0], np.float32)
-    seen = receivers.see(scene.rays, Aim(direction, np.ones(4, np.float32), weight, weight))
-    assert seen.share.tolist() == [True, False, True, False]
-    assert seen.rays == 2

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from closed_forms import from_polygon
 from floors import floor_looks, floor_tiles, lit_scene, prepare, to_grid
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
-from leaflight.core.lights.direct_points import Receivers
 from leaflight.core.lights.direct_sources import make_triangle_sources
 from leaflight.core.lights.emitting_cells import find_emitting_cells
 from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
@@ -20,8 +20,8 @@ SIDE = 32
 TEXELS = np.arange(SIDE * SIDE)
 
 
-def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.DirectLight:
-    return direct_irradiance(scene, floor_looks(SIDE), TEXELS, np.random.default_rng(seed), **options)
+def light_floor(scene: DirectScene, seed: int = 1, texels: np.ndarray = TEXELS, **options: float) -> direct.DirectLight:
+    return direct_irradiance(scene, floor_looks(SIDE), texels, np.random.default_rng(seed), **options)
 
 
 def as_sources(scene: SceneSnapshot) -> DirectScene:
@@ -98,8 +98,8 @@ def test_lamps_that_reach_down_through_the_floor():
     scene = lit_scene(emission=[box_mesh(f"Lamp {i}", (0.15, 0.15, 0.08), place) for i, place in enumerate(places)])
     pooled, alone = prepare(scene)[0], as_sources(scene)
     assert pooled.pool is not None
-    found = np.mean([light_floor(pooled, seed).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
-    expected = light_floor(alone).irradiance_rgb[:, 0]
+    found = np.mean([light_floor(pooled, seed, TEXELS[::3]).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
+    expected = light_floor(alone, texels=TEXELS[::3]).irradiance_rgb[:, 0]
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
 
 
@@ -113,30 +113,6 @@ def test_errors_are_honest():
     assert 0.4 < true / stated < 1.6
 
 
-def test_an_open_sky_of_triangles_has_little_noise():
-    """200 triangles of one ceiling, nothing in between: every sample is worth almost the same."""
-    ceiling = moved(grid_mesh("Lamp", 10, edge_m=0.03), (0.35, 0.35, 0.8))
-    scene, box, _ = prepare(lit_scene(emission=[ceiling]))
-    found = light_floor(scene).irradiance_rgb[:, 0]
-    corners = box.to_unit(np.array([[0.35, 0.35, 0.8], [0.65, 0.35, 0.8], [0.65, 0.65, 0.8], [0.35, 0.65, 0.8]]))
-    centre = np.stack([(np.array([k % SIDE, k // SIDE]) + 0.5) / SIDE for k in range(SIDE * SIDE)])
-    position = box.to_unit(np.column_stack([centre, np.zeros(len(centre))]))
-    up = np.tile([0.0, 0.0, 1.0], (len(centre), 1))
-    expected = np.abs(direct_polygon(corners, position, up)).reshape(SIDE, SIDE)
-    assert to_grid(found, SIDE) == pytest.approx(expected, rel=0.02)
-
-
-def direct_polygon(corners: np.ndarray, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Lambert's formula, for polygons above the horizon."""
-    vector = corners[None] - position[:, None]
-    vector = vector / np.linalg.norm(vector, axis=2, keepdims=True)
-    after = np.roll(vector, -1, axis=1)
-    cross = np.cross(vector, after)
-    angle = np.arccos(np.clip((vector * after).sum(axis=2), -1, 1))
-    edge = cross / np.linalg.norm(cross, axis=2, keepdims=True)
-    return 0.5 * ((edge * normal[:, None]).sum(axis=2) * angle).sum(axis=1)
-
-
 def test_a_lamp_close_above_the_floor_has_no_fireflies():
     scene, _, _ = prepare(lit_scene(emission=[moved(grid_mesh("Lamp", 4, edge_m=0.1), (0.3, 0.3, 0.03))]))
     grid = to_grid(light_floor(scene).irradiance_rgb[:, 0], SIDE)
@@ -145,7 +121,7 @@ def test_a_lamp_close_above_the_floor_has_no_fireflies():
     centre = (np.stack(np.meshgrid(np.arange(14, 18), np.arange(14, 18)), axis=-1).reshape(-1, 2) + 0.5) / SIDE
     position, up = np.column_stack([centre, np.zeros(16)]), np.tile([0.0, 0.0, 1.0], (16, 1))
     corners = np.array([[0.3, 0.3, 0.03], [0.7, 0.3, 0.03], [0.7, 0.7, 0.03], [0.3, 0.7, 0.03]])
-    assert grid[14:18, 14:18].mean() == pytest.approx(np.abs(direct_polygon(corners, position, up)).mean(), rel=0.025)
+    assert grid[14:18, 14:18].mean() == pytest.approx(np.abs(from_polygon(corners, position, up)).mean(), rel=0.025)
 
 
 def test_a_bed_of_glowing_boxes_takes_few_rays(hold):
@@ -156,19 +132,6 @@ def test_a_bed_of_glowing_boxes_takes_few_rays(hold):
     light = np.stack([run.irradiance_rgb[:, 0] for run in runs])
     noise = np.sqrt(light.var(axis=0, ddof=1).mean()) / light.mean()
     hold("bed of glowing boxes: noise of 16 rays", noise, high=0.2)
-
-
-def test_no_ray_goes_to_the_backs_of_solids():
-    scene, box, _ = prepare(lit_scene(emission=boxes(4)))
-    pool = scene.pool
-    floor = box.to_unit(np.tile([0.5, 0.5, 0.01], (len(pool.cells.tri), 1)))
-    up = np.tile(np.array([0, 0, 1], np.float32), (len(floor), 1))
-    aim, _ = pool._aim(Receivers(floor, up, up), np.arange(len(floor)), np.full((len(floor), 2), 0.5, np.float32))
-    back = ((pool.middle - floor) * scene.surfaces.normal[pool.cells.tri]).sum(axis=1) > 0
-    assert pool.sealed.all()
-    assert back.any()
-    assert not aim.weight[back].any()
-    assert (aim.weight[~back] > 0).all()
 
 
 def test_textures_shine_where_they_are_bright():

@@ -111,11 +111,6 @@ class TestBoxLamp(EmitterContract):
         axis = np.abs(offset).argmax(axis=1)[:, None]
         assert (np.take_along_axis(offset * births.direction, axis, axis=1) > 0).all()
 
-    def test_faces_get_photons_by_area(self):
-        origin = self.emitter().emit(numbers()).origin
-        top = np.abs(origin[:, 2] - origin[:, 2].max()) < 1e-4
-        assert abs(top.mean() - 0.08 / 0.28) < LIMIT * 0.5 / math.sqrt(N_PHOTON)
-
 
 class TestPalette(EmitterContract):
     """Two triangles of one radiance each, which a texture gives them."""

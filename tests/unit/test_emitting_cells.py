@@ -66,23 +66,6 @@ def test_cells_tile_their_triangles():
         assert ((low & high).all(axis=2)[cells.tri == tri].sum(axis=0) == 1).all()
 
 
-def test_an_even_texture_is_cut_no_further_than_for_who_is_near():
-    checks = np.indices((2048, 2048)).sum(axis=0) % 2  # as good as even: what is so exactly is not cut at all
-    cells = cells_of(screen(np.repeat((0.495 + 0.01 * checks)[..., None], 3, axis=2).astype(np.float32)))
-    assert not cells.constant
-    assert len(np.unique(cells.side)) == 1
-    assert len(cells.tri) == 2 * 64**2
-    assert cells.mean_rgb == pytest.approx(1.0, rel=1e-5)
-
-
-def test_cells_are_not_smaller_than_texels_nor_more_than_there_may_be():
-    checks = np.indices((16, 16)).sum(axis=0) % 2
-    pixels = np.repeat(checks[..., None], 3, axis=2).astype(np.float32)
-    assert cells_of(screen(pixels, closest=True)).side.min() == pytest.approx(1 / 16)
-    many = cells_of(screen(pixels, tiles=50, closest=True))
-    assert 2**16 <= len(many.tri) <= 2**17
-
-
 def test_black_and_empty_textures_give_no_light():
     for pixels in (np.zeros((8, 8, 3), np.float32), np.zeros((0, 0, 3), np.float32)):
         scene = screen(pixels)

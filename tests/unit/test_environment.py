@@ -18,7 +18,7 @@ from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.transport import photons
 from leaflight.core.util.brightness import weigh_channels
 from leaflight.core.util.sampling import square_to_uniform_sphere
-from leaflight.core.util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles, place_in_cells
+from leaflight.core.util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
 from scenes import box_mesh
 
 SIDE = 32
@@ -55,29 +55,6 @@ def light_floor(scene: SceneSnapshot, seed: int = 1, **options: object) -> np.nd
     looks, texel = floor_looks(SIDE), np.arange(SIDE**2)
     found = direct_irradiance(prepare(scene)[0], looks, texel, np.random.default_rng(seed), tiles=floor_tiles(SIDE), **options)
     return found.irradiance_rgb
-
-
-class TestCells:
-    @pytest.mark.parametrize("shape", [(1, 1), (5, 3), (64, 128)])
-    def test_a_place_lies_in_its_cell(self, shape):
-        rng = np.random.default_rng(1)
-        cell = rng.integers(0, math.prod(shape), 2000)
-        toward = place_in_cells(shape, cell, *rng.uniform(0.01, 0.99, (2, 2000)))
-        assert (find_cells(shape, toward) == cell).all()
-        assert np.linalg.norm(toward, axis=1) == pytest.approx(1, abs=1e-6)
-
-    def test_middles_are_half_way_along_each_cell(self):
-        half = np.full(15, 0.5)
-        assert np.array_equal(find_middles((5, 3)), place_in_cells((5, 3), np.arange(15), half, half))
-
-    def test_solid_angles_fill_the_sphere(self):
-        assert find_solid_angles(7, 5).sum() * 5 == pytest.approx(4 * math.pi)
-
-    def test_blenders_layout(self):
-        """Row 0 looks down; a quarter of the width is +Y, its middle +X."""
-        cell = find_cells((4, 8), np.array([[0, 0, -1.0], [0, 0, 1.0], [1, -0.01, 0.01], [0.01, 1, 0.01]]))
-        assert list(np.divmod(cell, 8)[0]) == [0, 3, 2, 2]
-        assert list(cell[2:] % 8) == [4, 2]
 
 
 class TestTable:

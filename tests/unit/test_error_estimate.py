@@ -69,7 +69,7 @@ def test_noise_alone_is_stated_within_a_quarter(degree):
 
 @pytest.mark.parametrize(("degree", "level"), [(0, 3), (1, 2), (2, 2)])
 def test_light_that_coarse_leaves_cannot_hold_is_stated_within_a_quarter(degree, level):
-    bake = throw(hill, 1_000_000, 0, degree=degree, level=level)
+    bake = throw(hill, 700_000, 0, degree=degree, level=level)
     nodes = current(bake)
     stated = state(bake, nodes).relative
     assert 0.75 < stated / real_error(bake, nodes, hill_truth) < 1.25

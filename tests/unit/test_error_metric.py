@@ -72,13 +72,6 @@ def test_each_object_is_judged_beside_its_own_brightness():
     assert whole.find_dark2(entries) == pytest.approx([0.2**2])
 
 
-def test_what_is_not_judged_counts_nothing():
-    parts = Parts([np.arange(2)], np.array([4.0], np.float32), np.array([0, -1, 0], np.int32))
-    assert parts.find_dark2(np.arange(3))[:, 0].tolist() == [4.0, np.inf, 4.0]
-    assert parts.size.tolist() == [2]
-    assert parts.spread(np.array([True]), slice(None), False).tolist() == [True, False, True]
-
-
 def test_parts_that_err_more_weigh_more_and_large_ones_no_more_than_small_ones():
     """So much more that what errs half as much hardly counts; and within bounds."""
     sizes = [1, 4, 1, 1]

@@ -30,24 +30,9 @@ def test_local_executor_hands_errors_on():
         list(executor.map(divmod, [1, 1], [1, 0]))
 
 
-def test_local_executor_gives_results_in_order():
-    with executors.LocalExecutor(3) as executor:
-        assert list(executor.map(abs, range(-40, 0))) == list(range(40, 0, -1))
-
-
 def tell_process(seconds):
     time.sleep(seconds)
     return os.getpid()
-
-
-def test_this_process_works_while_it_waits_and_the_other_one_works_too():
-    with executors.LocalExecutor(2) as executor:
-        for _ in range(100):  # the other one needs its time to start
-            by = list(executor.map(tell_process, [0.02] * 8))
-            if len(set(by)) == 2:
-                break
-        assert len(set(by)) == 2
-        assert os.getpid() in by
 
 
 def test_nothing_waits_for_a_process_that_is_still_starting():
@@ -200,11 +185,9 @@ def test_processes_started_ahead_are_copies_of_one_without_threads(tmp_path, bef
     assert "DeprecationWarning" not in said.stderr
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_time_in_calls_is_counted_in_every_process_by_function(count):
-    with executors.make_executor(count) as executor:
-        if count > 1:
-            wait_until_ready(executor)
+def test_time_in_calls_is_counted_in_every_process_by_function():
+    with executors.make_executor(2) as executor:
+        wait_until_ready(executor)
         calls = [executor.submit(time.sleep, 0.05) for _ in range(4)]
         assert executor.submit(abs, -3).result() == 3
         for call in calls:
@@ -221,15 +204,13 @@ def _work(seconds):
         sum(range(1000))
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_cpu_seconds_are_those_of_all_processes(count):
-    with executors.make_executor(count) as executor:
-        if count > 1:
-            wait_until_ready(executor)
+def test_cpu_seconds_are_those_of_all_processes():
+    with executors.make_executor(2) as executor:
+        wait_until_ready(executor)
         before, own = executors.read_cpu_seconds(executor), time.process_time()
         for call in [executor.submit(_work, 0.2) for _ in range(4)]:
             call.result()
         executor.submit(time.sleep, 0.3).result()
         used, own = executors.read_cpu_seconds(executor) - before, time.process_time() - own
     assert 0.8 <= used < 1.05
-    assert (used - own > 0.15) == (count > 1)
+    assert used - own > 0.15

@@ -39,7 +39,7 @@ def test_a_link_of_the_name_is_replaced_not_followed(tmp_path):
     assert (victim.read_text(), link.is_symlink(), link.read_text()) == ("the user's", False, "ours")
 
 
-@pytest.mark.parametrize("room", [0, 500, 5000, 16_350])
+@pytest.mark.parametrize("room", [0, 5000])
 def test_a_full_disk_is_one_error(monkeypatch, room):
     """An archive that is left open has Python say later that it could not be closed."""
 

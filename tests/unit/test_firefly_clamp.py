@@ -91,8 +91,3 @@ def test_where_all_is_noisy_all_counts():
     reach = np.abs(texels.texel_xy[:, None] - texels.texel_xy[leaf == 3]).max(axis=2) <= 4
     brightest = [light[reach[:, k] & (leaf != 3)].sum(axis=1).max() for k in range(4)]
     np.testing.assert_allclose(clipped[leaf == 3].sum(axis=1), brightest, rtol=1e-6)
-
-
-def test_a_dark_page_stays_dark():
-    clipped, _, _ = clip(0.0, 0.0)
-    assert not clipped.any()

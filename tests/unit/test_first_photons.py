@@ -6,11 +6,11 @@ import json
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver
+from boxes import lamp_scene
 from leaflight.core.bake import bake
 from leaflight.core.bake.first_photons import FirstPhotons
 from leaflight.core.bake.photon_shards import PhotonShard
-from leaflight.core.parallel import executors, folders
+from leaflight.core.parallel import executors
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
@@ -24,28 +24,6 @@ def awake():
     with executors.LocalExecutor(2) as executor:
         executor.wake()
         yield executor
-
-
-def begin(folder, settings, executor, n_sent):
-    """A bake of the lamp scene that has traced its first round, with so many shards sent ahead, 0 none."""
-    solver = make_solver(folder, lamp_scene(), settings, executor, begun=False)
-    # Not before: it writes the scene that they are traced in, and who reads it meanwhile finds half of it.
-    solver.first = FirstPhotons.send(folder, settings, executor) if n_sent else FirstPhotons()
-    assert len(solver.first.sent) == n_sent
-    solver.begin()
-    return solver
-
-
-@pytest.mark.parametrize("direct", ["rays", "photons"])
-def test_a_round_of_them_is_the_round_without(tmp_path, awake, direct):
-    settings = Settings(size=32, padding=1, max_photons=20_000, direct=direct)
-    sums = []
-    for name, is_ahead in (("ahead", True), ("alone", False)):
-        solver = begin(tmp_path / name, settings, awake, 2 * is_ahead)
-        assert solver.ledger.photons == 20_000
-        sums.append(solver.reading.solution.coefficient.tobytes() + solver.square_tally.raw.tobytes())
-        folders.forget_folders()
-    assert sums[0] == sums[1]
 
 
 def shard_of(round_, number, photons, **others):

@@ -143,7 +143,7 @@ def _find_mean(light, solver):
 def test_an_open_scene_is_as_bright_as_by_photons(tmp_path):
     scene = lamp_scene()
     light, solver = bake(tmp_path / "1", replace(SETTINGS, error=0.02), scene=scene, plan=lambda *_: True)
-    many, _ = bake(tmp_path / "2", replace(SETTINGS, gather=False, error=1e-4, max_photons=3_000_000), scene=scene)
+    many, _ = bake(tmp_path / "2", replace(SETTINGS, gather=False, error=1e-4, max_photons=1_500_000), scene=scene)
     assert light.gathered is not None
     mine, theirs = (texel_light.light_at_texels(each, solver.tracing.texels) for each in (light, many))
     shown = solver.tracing.texels.shown & solver.tracing.texels.is_central

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, prepare, sigma_limit
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
-from leaflight.core.lights.direct_points import MIDDLE, Receivers, TexelChunk
+from leaflight.core.lights.direct_points import Receivers
 from leaflight.core.scene.scene import Light
 from leaflight.core.util import ablation
 from scenes import box_mesh, moved, quad_mesh
@@ -117,27 +116,6 @@ class TestJudging:
             given[:, place] = lamp.aim(receivers.position, receivers.normal, np.full((400, 2), 0.5, np.float32)).weight * lamp.rgb.mean()
         worst = (given / estimated * estimated.sum(axis=1, keepdims=True)).max(axis=1) / np.maximum(given.sum(axis=1), 1e-9)
         assert np.quantile(worst[given.sum(axis=1) > 1e-3 * given.sum(axis=1).max()], 0.95) < 4
-
-    def test_lamps_behind_the_plane_or_beyond_a_cone_are_estimated_low(self):
-        up = Light("SPOT", "Up", (0.5, 0.5, 0.5), power_rgb=(1.0,) * 3, cone_angle_rad=1.0, rotation=((1, 0, 0), (0, -1, 0), (0, 0, -1)))
-        below = Light("POINT", "Below", (0.5, 0.5, -0.5), power_rgb=(1.0,) * 3)
-        above = Light("POINT", "Above", (0.5, 0.5, 0.5), power_rgb=(1.0,) * 3)
-        scene = prepare(lit_scene(lights=[up, below, above, *[replace(above, name=str(k)) for k in range(20)]]))[0]
-        chunk = TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), scene.surfaces, False)
-        estimated = scene.crowd.estimate(chunk.receivers_at(TEXELS, MIDDLE), np.full(len(TEXELS), 0.01, np.float32))
-        best = estimated.max(axis=1)
-        assert ((estimated < 0.12 * best[:, None]).sum(axis=1) == 2).all()
-
-    def test_a_cone_that_what_is_around_may_be_in_is_not_estimated_low(self):
-        """A spot 0.2 over the floor, of 0.5 rad to each side, and a place beyond its rim, with and without 0.1 around it."""
-        down = Light("SPOT", "Down", (0.5, 0.5, 0.2), power_rgb=(1.0,) * 3, cone_angle_rad=1.0, rotation=DOWN)
-        crowd = prepare(lit_scene(lights=[down, *[replace(down, name=str(k), position_m=(9.0, k, 0.2)) for k in range(20)]]))[0].crowd
-        under = crowd.clusters.centre[np.abs(crowd.clusters.centre).max(axis=1).argmin()]
-        scale = np.abs(np.diff(np.sort(crowd.clusters.centre[:, 1]))).max()  # of a metre
-        place = (under + scale * np.array([[0.17, 0, -0.2], [0.17, 0, -0.2]])).astype(np.float32)
-        up = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (2, 1))
-        estimated = crowd.estimate(Receivers(place, up, up), (scale * np.array([1e-3, 0.1])).astype(np.float32)).max(axis=1)
-        assert estimated[1] > 10 * estimated[0]
 
 
 def test_chances_turn_to_the_lamps_that_are_seen():

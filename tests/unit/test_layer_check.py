@@ -42,13 +42,6 @@ def test_groups_are_never_joined():
     assert chart.tolist() == [0, 0, 1, 1, -1, -1, 2, 2]
 
 
-def test_sound_layer_has_no_findings():
-    scene, uv = grid_layer()
-    found = check(uv.astype(np.float32).astype(float), scene)
-    assert found.usable.all()
-    assert found.findings == ()
-
-
 @pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 4])
 @pytest.mark.parametrize("cells", [1, 7, 16, 60])
 def test_neighbours_do_not_overlap(cells, angle):

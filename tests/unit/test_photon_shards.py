@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, make_solver, to_bytes
+from boxes import make_solver
 from leaflight.core.bake import photon_shards
 from leaflight.core.bake.photon_shards import PhotonShard, trace_photons
 from leaflight.core.parallel import shared_arrays
@@ -33,23 +33,6 @@ def make_shard(folder, scene, worth=None, everywhere=False):
         guiding = Guiding(worth(len(tree)), BirthCells.whole(np.ones(1)))
         shared_arrays.save_struct(view / photon_shards.GUIDING_FOLDER, guiding)
     return PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
-
-
-@pytest.fixture
-def photon_shard(tmp_path):
-    """A shard of 5000 photons in the lamp scene."""
-    return make_shard(tmp_path, lamp_scene())[0]
-
-
-def test_a_photon_shard_is_a_pure_function(photon_shard):
-    first = trace_photons(photon_shard)
-    trace_photons(replace(photon_shard, shard=1))
-    assert to_bytes(trace_photons(photon_shard)) == to_bytes(first)
-
-
-@pytest.mark.parametrize("change", [{"seed": 2}, {"round": 1}, {"shard": 1}])
-def test_seed_round_and_shard_each_give_other_photons(photon_shard, change):
-    assert to_bytes(trace_photons(replace(photon_shard, **change))) != to_bytes(trace_photons(photon_shard))
 
 
 @pytest.mark.parametrize("guided", [False, True])

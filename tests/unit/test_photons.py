@@ -112,12 +112,6 @@ def test_furnace_deposits_the_geometric_series():
     np.testing.assert_allclose(np.mean(sums, axis=0), expected, rtol=0.01)
 
 
-def test_roulette_keeps_the_greatest_channel():
-    scene = _build(_snapshot(_cube(), (Material("Red", (0.9, 0.2, 0.05)),)), _white_lamp())
-    flux = _trace(scene, 2000).flux_rgb
-    np.testing.assert_allclose(flux.max(axis=0), 12 / 2000, rtol=1e-4)
-
-
 def _face_share(place_unit) -> np.ndarray:
     hits = _trace(_build(_snapshot(_cube()), _white_lamp(place_unit=place_unit)), max_depth=1)
     return np.bincount(hits.tri[hits.is_first] // 2, minlength=6) / N
@@ -162,12 +156,6 @@ def test_back_sides_scatter_but_get_nothing():
     assert not hits.audit.escaped.any()
     both = _build(_snapshot(_cube(outwards=True), objects=(SceneObject("Leaf", two_sided=True),)), _white_lamp())
     assert _trace(both).counters.deposits == hits.counters.rays
-
-
-def test_objects_without_a_lightmap_scatter_but_get_nothing():
-    two = _snapshot(_cube(), tri_object=np.repeat(np.int32([0, 1]), 6), objects=(SceneObject("Room"), SceneObject("Extra", receives=False)))
-    hits, all_hits = _trace(_build(two, _white_lamp())), _trace(_build(_snapshot(_cube()), _white_lamp()))
-    np.testing.assert_array_equal(hits.tri, all_hits.tri[all_hits.tri < 6])
 
 
 def test_objects_without_shadow_let_light_through():
@@ -268,24 +256,12 @@ def test_a_rare_emitter_keeps_its_mean_power():
     assert np.std(blue) > 0
 
 
-def test_flux_share_scales_the_power():
-    scene = _build(_snapshot(_cube()), _white_lamp(12.0))
-    np.testing.assert_allclose(_trace(scene, 100, share=0.25).audit.emitted, 3)
-    np.testing.assert_allclose(_trace(scene, 100, share=100).flux_rgb[0], 12, rtol=1e-5)
-
-
 @pytest.mark.parametrize("lamps", [(), (_white_lamp(0.0),)])
 def test_darkness_gives_nothing(lamps):
     hits = _trace(_build(_snapshot(_cube()), *lamps))
     assert hits.counters == photon_log.Counters(0, 0, 0)
     assert hits.flux_rgb.shape == (3, 0)
     assert not hits.audit.emitted.any()
-
-
-def test_no_triangles_lets_everything_escape():
-    hits = _trace(_build(_snapshot(np.zeros((0, 3, 3))), _white_lamp()), 1000)
-    np.testing.assert_allclose(hits.audit.escaped, 12, rtol=1e-6)
-    assert hits.counters.deposits == 0
 
 
 @pytest.mark.parametrize("power", [-1.0, math.nan, math.inf, 1e31])
@@ -302,25 +278,6 @@ def test_soft_falloff_weighs_the_first_hit(radius, offset):
     expected = 12 / 1000 if seen else 0.0
     np.testing.assert_allclose(hits.flux_rgb, expected, rtol=1e-4)  # roulette keeps it at later hits
     np.testing.assert_allclose(hits.audit.emitted, 1000 * expected, rtol=1e-5)
-
-
-def _deposited_on_smooth_floor(shading_normal, along) -> float:
-    """Flux at the first hit of a beam on the cube's floor, relative to the flat floor's."""
-    flat = _snapshot(_cube())
-    normal = flat.tri_normal.copy()
-    normal[8:10] = np.float32(shading_normal) / np.float32(np.linalg.norm(shading_normal))
-    along = np.array(along) / np.linalg.norm(along)
-    hits = _trace(_build(dataclasses.replace(flat, tri_normal=normal), _white_lamp(along=tuple(along))), 100, max_depth=1)
-    assert set(hits.tri) <= {8, 9}
-    return float(hits.flux_rgb[0].sum()) / 12
-
-
-def test_smooth_faces_weigh_by_their_shading_normal():
-    assert _deposited_on_smooth_floor((0, 0, 1), (0, 0, -1)) == pytest.approx(1)
-    assert _deposited_on_smooth_floor((0.6, 0, 0.8), (0, 0, -1)) == pytest.approx(0.8, rel=1e-5)
-    assert _deposited_on_smooth_floor((0.6, 0, 0.8), (-0.6, 0, -0.8)) == pytest.approx(1 / 0.8, rel=1e-5)
-    assert _deposited_on_smooth_floor((0.8, 0, 0.6), (0.6, 0, -0.8)) == pytest.approx(0, abs=1e-6)
-    assert _deposited_on_smooth_floor((0.95, 0, 0.1), (0.6, 0, -0.8)) == 0
 
 
 def test_bent_shading_normals_interpolate():

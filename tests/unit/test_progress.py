@@ -36,16 +36,6 @@ def test_the_same_word_is_not_said_again(clock):
     assert [message.text for message in told] == ["Unwrapping, 0%: Terrain", "Unwrapping, 1%: Terrain"]
 
 
-def test_whoever_has_lost_patience_is_heard_when_there_may_be_a_word(clock):
-    asked = []
-    speaker = ProgressReporter(pytest.fail, lambda: asked.append(True) or True)
-    speaker.say(SAID, 0.5)
-    assert not asked
-    clock[0] += 1.1
-    with pytest.raises(Interrupted):
-        speaker.say(SAID, 0.5)
-
-
 def test_after_half_a_second_the_impatient_are_heard_whenever_anything_is_said(clock):
     told, stop = [], []
     speaker = ProgressReporter(told.append, lambda: bool(stop))

@@ -15,22 +15,6 @@ def test_children_share_out_the_area_of_their_parent():
     assert tree.area[0] == pytest.approx(0.7, rel=1e-12)
 
 
-def test_a_quadrant_without_texels_is_never_made():
-    bake = SquareBake(side=16, width=0.4, preview_depth=1)
-    assert (bake.tree.children[0] >= 0).tolist() == [True, False, True, False]
-
-
-def test_a_child_lies_in_its_quadrant():
-    bake = SquareBake(side=16, preview_depth=2)
-    for node in range(1, len(bake.tree)):
-        parent, quadrant = bake.tree.parent[node], bake.tree.quadrant[node]
-        expected = bake.tree.origin[parent] + np.array([quadrant & 1, quadrant >> 1]) * bake.tree.side[node]
-        np.testing.assert_array_equal(bake.tree.origin[node], expected)
-        inside = bake.texels.texel_xy[bake.tree.start[node] : bake.tree.end[node]] - bake.tree.origin[node]
-        assert (inside >= 0).all()
-        assert (inside < bake.tree.side[node]).all()
-
-
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_chart_may_leave_the_corners_of_its_square_empty(level):
     """Every node holds the texels that lie on its square, and no others."""
@@ -54,13 +38,6 @@ def test_nodes_tell_of_the_texels_in_them(side):
     means = np.transpose([values[inside].mean(axis=0, dtype=np.float64) for inside in texels])
     np.testing.assert_allclose(quadtree.mean_in_nodes(bake.tree, values), means, rtol=1e-9)
     assert not quadtree.mean_in_nodes(bake.tree, np.zeros_like(values)).any()
-
-
-def test_the_flat_tree_has_a_node_per_texel():
-    texels = make_square_map(8, 1)
-    tree = quadtree.plant_trees(texels, 1, level=0, finest_texels=1, flat=True)
-    assert len(tree) == 64
-    np.testing.assert_array_equal(quadtree.node_of_texel(tree, np.arange(64), 64), np.arange(64))
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 9])

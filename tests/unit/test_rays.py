@@ -113,7 +113,7 @@ except MemoryError as reason:
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the limit is set from the address space that Linux tells in /proc")
 @pytest.mark.parametrize(
     ("loaded", "n_triangles", "room_mb"),
-    [(False, 1, 20), (False, 1, 100), (True, 1, 20), (True, 1, 100), (True, 1, 150), (True, 300_000, 200)],
+    [(False, 1, 20), (True, 1, 150), (True, 300_000, 200)],
 )
 def test_little_memory_is_told_where_embree_would_end_the_process(loaded, n_triangles, room_mb):
     code = _LITTLE_ROOM.format(loaded=loaded, n_triangles=n_triangles, room=room_mb << 20)
@@ -146,7 +146,7 @@ def _count_self_hits(corners, offset, n):
     return int((scene.closest(landed + np.float32(offset) * normal, direction).tri == first.tri).sum())
 
 
-@pytest.mark.parametrize(("corners", "n"), [(_box(0.57, 0.6), 1_000_000), (_sphere(24), 200_000)])
+@pytest.mark.parametrize(("corners", "n"), [(_box(0.57, 0.6), 200_000), (_sphere(24), 200_000)])
 def test_no_ray_meets_the_triangle_it_starts_from(corners, n):
     assert _count_self_hits(corners, geometry.ORIGIN_OFFSET, n) == 0
     assert _count_self_hits(corners, 0.0, 10_000) > 0

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from boxes import lamp_scene
 from leaflight.core.atlas.chart_cache import ChartCache
@@ -45,14 +44,6 @@ def find(run, scene, settings=SMALL, lit=True, by_photons=True, executor=None):
 
 def list_stages(run):
     return [message.stage for message in run.told if isinstance(message, Status)]
-
-
-def test_the_layout_file_tells_where_charts_lie(run, scene):
-    atlas = lay_out(run, scene, SMALL, ChartCache())
-    with np.load(run.folder / LAYOUT_FILE) as layout:
-        assert np.array_equal(layout["tri_uv"], atlas.tri_uv / atlas.page_size)
-        assert np.array_equal(layout["object_page"], atlas.object_page)
-        assert 0.0 <= layout["tri_uv"].min() < layout["tri_uv"].max() <= 1.0
 
 
 def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):

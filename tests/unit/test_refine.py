@@ -72,26 +72,6 @@ def test_a_difference_is_relative_whatever_the_size_of_the_node():
     assert [len(marks(bake, rule("paper", threshold))) for threshold in (0.15, 0.3)] == [64, 0]
 
 
-@pytest.mark.parametrize("depth", [1, 2])
-def test_late_previews_tell_the_same_difference(depth):
-    """A step of 20 % about the mean, of which the previews saw a third of the photons: it is as high as that which saw them all."""
-    bake = SquareBake(side=16, degree=0, preview_depth=0)
-    light = uneven(1, 300_000)
-    for part, is_late in ((slice(200_000), False), (slice(200_000, None), True)):
-        if is_late:
-            bake.preview_depth = depth
-            bake.grow()
-        for half in (0, 1):
-            bake.throw(*(at[part][half::2] for at in light), half=half)
-    found = refine.indicator(bake.tree, bake.totals(), bake.solution(), np.array([0]), depth, 16)
-    mean = bake.solution().flux[:, 0] / bake.tree.area[0]
-    of_step = ((0.2 * mean) ** 2).sum()
-    assert found.excess[0] == pytest.approx(of_step, rel=0.03)
-    assert found.common[0].sum() == pytest.approx(of_step, rel=0.03)
-    assert found.greatest[0] == pytest.approx(0.2 * mean[0], rel=0.15)  # of up to 16 noisy ones
-    assert found.noise[0] == pytest.approx((4**depth - 1) * (mean**2).sum() / 100_000, rel=0.05)  # of a third of the photons
-
-
 def chi_squares(n_bake, depth, noise_share=1.0):
     """(n_bake,) sigmas of even light; the noise that is expected may be a share of the right one."""
     sigmas = []
@@ -167,14 +147,6 @@ def test_too_few_photons_are_never_compared():
     assert len(marks(bake, rule())) == 1
 
 
-def test_contact_forces_a_split_of_even_light():
-    bake = SquareBake(side=16, degree=1, preview_depth=1)
-    bake.throw(*np.random.default_rng(0).random((2, 5000)))
-    forced = np.zeros(len(bake.tree), bool)
-    forced[0] = True
-    assert marks(bake, rule(), forced).tolist() == [0]
-
-
 def test_a_pattern_that_repeats_in_each_quadrant_is_seen_at_the_second_depth():
     def stripes(rng, n):
         s, t = rng.random((2, n))
@@ -215,18 +187,3 @@ def test_children_that_saw_few_of_many_photons_must_differ_by_more(photons, coun
     alone = SquareBake(side=32, degree=1, preview_depth=1)
     alone.throw(*half_lit(rng, photons))
     assert len(shown(alone)) == 4
-
-
-def test_the_price_of_children_that_saw_a_fair_share_is_that_of_noise():
-    """Half of a node's photons, or more; it grows with what is missing of that."""
-    prices = []
-    for early, late in ((0, 200), (200, 200), (600, 200), (9800, 200)):
-        bake = SquareBake(side=16, degree=1, preview_depth=0)
-        bake.throw(*np.random.default_rng(1).random((2, early)))
-        bake.preview_depth = 1
-        bake.grow()
-        bake.throw(*np.random.default_rng(2).random((2, late)))
-        price = refine.Comparison.of(bake.tree, bake.totals(), bake.solution(), rule(preview_depth=1)).price
-        assert np.isfinite(price).all()
-        prices.append(price[0])
-    assert prices == pytest.approx(refine.NOISE_PRICE * np.array([1.0, 1.0, 2.0, 25.0]))

@@ -13,7 +13,6 @@ from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, TextureImage
-from leaflight.core.texels import texel_map
 from leaflight.core.texels.texels import build_texel_map
 from leaflight.core.util.settings import DEBUG_PASSES, PASSES, Settings
 from scenes import Mesh, make_scene
@@ -102,11 +101,9 @@ def test_a_page_without_charts_is_empty(three_by_five):
     assert not three_by_five.page("combined", 1).any()
 
 
-@pytest.mark.parametrize("chunk", [1 << 16, 3])
 @pytest.mark.parametrize(("border", "middle"), [(2.3, 4), (2.7, 1)])
-def test_a_texel_of_two_charts_shows_the_one_at_its_centre(border, middle, chunk, monkeypatch):
+def test_a_texel_of_two_charts_shows_the_one_at_its_centre(border, middle):
     """Charts that meet in column 2; the first stands for fifty times the area in the world."""
-    monkeypatch.setattr(texel_map, "CHUNK_SIZE", chunk)
     scene = layered_scene((0, 0, border, 2), (border, 0, 5 - border, 2), heights_m=(50.0, 1.0))
     page = make_resolver(scene, lambda x, y, chart: (1.0 + 3.0 * chart, 0.0 * x, 0.0 * x)).page("direct", 0)
     assert page[0, :5, 0] * np.pi == pytest.approx(np.array([1, 1, middle, 4, 4]), rel=1e-5)
@@ -166,18 +163,6 @@ def test_stderr_is_that_of_the_leafs_functions_and_of_direct_light():
     field = light_field(bake, root, correction=1.7)
     of_photons = light_of(field, bake.texels).stderr[:, 0] ** 2 - field.direct.variance[:, 0]
     assert of_photons.mean() == pytest.approx(1.7 * 3 * field.solution.variance[0, root[0]], rel=0.02)
-
-
-def test_no_light_is_negative_where_a_fitted_plane_dips_below_zero():
-    bake = SquareBake(side=16, degree=1)
-    rng = np.random.default_rng(2)
-    bake.throw(0.2 * rng.random(10_000), rng.random(10_000))
-    nodes = np.flatnonzero(bake.tree.current)
-    assert bake.values(nodes, np.array([0.95]), np.array([0.5]))[0] < -0.5
-    field = replace(light_field(bake, nodes), direct=DirectField.none(bake.n_texel))
-    light = light_of(field, bake.texels)
-    assert light.direct.min() == 0
-    assert light.direct.max() > 1
 
 
 def test_a_fleck_of_indirect_light_is_taken_out_and_one_of_direct_light_is_not():
@@ -255,15 +240,3 @@ def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight
         changed = (getattr(leaning, name) != getattr(alone, name)).any(axis=1)
         assert changed.any() == told.any(), name
         assert not changed[~told].any(), name
-
-
-@pytest.mark.parametrize("direct", ["photons", "rays"])
-@pytest.mark.parametrize("basis", ["linear", "quadratic"])
-def test_whole_bakes_hold_no_negative_and_no_odd_numbers(tmp_path, direct, basis):
-    settings = Settings(size=32, padding=1, direct=direct, basis=basis, max_photons=20_000, error=1e-4)
-    solver = make_solver(tmp_path, lamp_scene(), settings)
-    light = texel_light.light_at_texels(solver.run(lambda message: None, lambda: False), solver.tracing.texels)
-    for values in (light.direct, light.indirect, light.stderr):
-        assert np.isfinite(values).all()
-        assert values.min() >= 0
-        assert values.max() > 0

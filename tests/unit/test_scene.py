@@ -56,14 +56,3 @@ def test_density_factors_must_be_above_zero(factor):
     named = dataclasses.replace(scene.objects[0], name="Oak", density_factor=factor)
     with pytest.raises(ValueError, match=r"^Oak: expected a density factor above 0"):
         dataclasses.replace(scene, objects=(named,))
-
-
-def test_a_scene_without_triangles_is_allowed():
-    empty = {name: getattr(quad_scene(), name)[:0] for name in ARRAYS}
-    assert dataclasses.replace(quad_scene(), **empty).n_tri == 0
-
-
-def test_positions_of_corners():
-    scene = box_scene(size_m=(1, 2, 3))
-    assert scene.tri_position.shape == (scene.n_tri, 3, 3)
-    assert np.array_equal(scene.tri_position[5, 2], scene.vertex_position[scene.tri_vertex[5, 2]])

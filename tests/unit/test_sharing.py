@@ -31,13 +31,6 @@ def test_linked_duplicates_of_any_size_and_turn_are_one_block():
     assert by_name["C"] / by_name["A"] == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
-def test_two_are_enough_whatever_their_size(scale):
-    names, (sizes,) = blocks_of([shared_mesh(name, BOX, (size * scale,) * 3) for name, size in (("A", 1.0), ("B", 2.0))])
-    assert names == [["A", "B"]]
-    np.testing.assert_allclose(sizes, [1.0, 2.0])
-
-
 def test_what_shares_no_mesh_or_gets_no_charts_is_in_none():
     alone = [BOX, moved(BOX, name="Same shape"), shared_mesh("Only one", BOX)]
     others = [dataclasses.replace(shared_mesh("Shade", BOX), receives=False), shared_mesh("Flat", BOX, (0, 0, 0))]
@@ -93,12 +86,6 @@ def test_a_copy_is_known_wherever_it_stands_and_whatever_its_size():
     copies = copies_of(BOX, CLOTH, moved(BOX, scale=0.5), rounded, moved(CLOTH, (1.0, 0.0, 0.0)))
     assert {i: leader for i, (leader, _) in copies.items()} == {2: 0, 3: 1, 4: 1}
     np.testing.assert_allclose([copies[i][1] for i in (2, 3, 4)], [0.5, 5.0, 1.0], rtol=1e-5)
-
-
-def test_a_copy_of_another_density_is_as_large_as_its_texels():
-    scene = make_scene([BOX, BOX])
-    scene = dataclasses.replace(scene, objects=(scene.objects[0], dataclasses.replace(scene.objects[1], density_factor=3.0)))
-    assert find_copies(scene, scene.tri_vertex, [0, 1]) == {1: (0, pytest.approx(3.0))}
 
 
 def test_what_is_bent_stretched_mirrored_cut_or_nothing_is_no_copy():

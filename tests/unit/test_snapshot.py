@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,14 +57,6 @@ def test_round_trip(tmp_path):
     assert (after.images[0].name, after.images[0].extension, after.images[0].closest) == ("Karo", "CLIP", True)
     assert after.images[0].per_triangle
     assert np.array_equal(after.images[0].pixels, before.images[0].pixels)
-
-
-@pytest.mark.parametrize("shape", [(3, 5), (3, 5, 4)])
-def test_pictures_without_three_channels_are_named(tmp_path, shape):
-    path = tmp_path / "scene.npz"
-    save_snapshot(path, replace(make_snapshot(), images=(TextureImage("Karo", np.zeros(shape, np.float32)),)))
-    with pytest.raises(ValueError, match="image Karo"):
-        load_snapshot(path)
 
 
 def test_empty_scene(tmp_path):

@@ -191,12 +191,6 @@ def test_splitting_loses_no_flux(tmp_path, basis):
     assert light.solution.flux[:, light.leaves].sum(1) == pytest.approx(deposited, rel=1e-9)
 
 
-def test_leaves_tile_every_chart(tmp_path):
-    light = solve_scene(tmp_path, lamp_scene(), SETTINGS)
-    n_texel = len(light.direct.irradiance)
-    assert len(quadtree.node_of_texel(light.tree, light.leaves, n_texel)) == n_texel
-
-
 @pytest.mark.parametrize("finest", [1, 4])
 def test_flat_mode_has_leaves_of_the_finest_size(tmp_path, finest):
     solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, hierarchical=False, finest_texels=finest))
@@ -212,15 +206,6 @@ def test_flat_mode_has_leaves_of_the_finest_size(tmp_path, finest):
 def test_no_leaf_is_smaller_than_the_finest(tmp_path):
     light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", finest_texels=4))
     assert light.tree.side[light.leaves].min() == 4
-
-
-def test_min_level_is_where_trees_start(tmp_path):
-    solver = make_solver(tmp_path, lamp_scene(), replace(QUICK, min_level=2))
-    texels = solver.tracing.texels
-    roots = np.flatnonzero(solver.tree.parent < 0)
-    assert (solver.tree.side[roots] == np.maximum(1 << texels.chart_log2[solver.tree.chart[roots]] >> 2, 1)).all()
-    light = solver.run(lambda message: None, lambda: False)
-    assert len(light.leaves) >= len(roots)
 
 
 def test_contact_splits_where_it_is_forced(tmp_path):

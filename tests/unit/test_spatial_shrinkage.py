@@ -73,15 +73,6 @@ def join(*clusters):
     return Leaves(*(np.concatenate(parts) for parts in zip(*clusters, strict=True)))
 
 
-def test_those_of_few_photons_err_far_less():
-    leaves = Leaves(*cluster())
-    shown, truth = leaves.show(), 2.0 * COLOUR
-    few = leaves.count < 16
-    before, after = (np.sqrt(((light[few] / truth - 1) ** 2).mean()) for light in (leaves.own, shown))
-    assert before > 4
-    assert after < 0.65
-
-
 def test_others_stay_as_they_are():
     leaves = Leaves(*cluster())
     many = leaves.count >= 16
@@ -93,12 +84,6 @@ def test_one_that_no_photon_could_be_expected_on_shows_half_of_what_is_around():
     leaves = Leaves(*cluster())
     empty = (leaves.count == 0) & (leaves.area < 1e-7)
     assert np.sqrt(((leaves.show()[empty] / (0.5 * 2.0 * COLOUR) - 1) ** 2).mean()) < 0.2
-
-
-def test_one_that_many_were_expected_on_stays_dark():
-    area, place, normal, light = cluster(least=1e-4)
-    light[:5], area[:5] = 0.0, 0.01  # 200 photons
-    assert Leaves(area, place, normal, light).show()[:5].max() < 0.02 * 2.0
 
 
 def test_what_is_around_counts_as_one_photon():
@@ -130,11 +115,6 @@ def test_a_single_photon_in_the_dark_does_not_shine():
     area[0], leaves.count[0] = 1e-9, 1
     assert leaves.own.max() > 1e4
     assert leaves.show().max() < 10 * PHOTON_W / area.sum()
-
-
-def test_no_light_at_all_stays_none():
-    leaves = Leaves(*cluster(light=0.0))
-    assert not leaves.show().any()
 
 
 def test_what_no_light_comes_to_stays_black_and_sure():

@@ -31,20 +31,6 @@ def test_a_bake_ends_for_the_first_reason_that_holds(error, photons, options, re
     assert rules(**options).find_reason(error, photons) == reason
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({}, False),
-        ({"age_s": 1e9}, False),
-        ({"wished": True}, True),
-        ({"time_limit": 20.0, "age_s": 30.0}, True),
-        ({"time_limit": 20.0}, False),
-    ],
-)
-def test_work_is_broken_off_at_a_wish_or_for_the_time_and_never_by_a_limit_of_0(options, expected):
-    assert rules(**options).break_off() == expected
-
-
 def progress(before=0, photons=5000, error=0.1, stopped_by="", **options):
     light = SimpleNamespace(photons=photons, error=error, stopped_by=stopped_by, leaves=[1, 2, 3])
     return rules(**options).measure_progress(light, before)

@@ -93,8 +93,8 @@ def mix_noise(truth, leaf_value, photons=4.0, side=64, seed=1, entry=None, parts
     return image, changed, variance
 
 
-@pytest.mark.parametrize("photons", [30.0, 100.0, 1000.0])
-@pytest.mark.parametrize("contrast", [0.0, 0.2, 0.4, 0.8])
+@pytest.mark.parametrize("photons", [30.0, 1000.0])
+@pytest.mark.parametrize("contrast", [0.0, 0.2, 0.8])
 def test_what_mixed_light_errs_by_is_told(photons, contrast):
     """Leaves that hold no ripples: what squares leave of these, and what their own noise adds."""
     truth = 1.0 + contrast * np.cos(np.arange(64) * 2.0)[:, None] * np.ones(64)

@@ -19,32 +19,6 @@ def test_even_light_is_even_also_at_a_clipped_border(degree, width):
     np.testing.assert_allclose(bake.values(deepest, at_s, at_t), 1.0 / width, rtol=0.03)
 
 
-def test_linear_light_is_exact_for_a_linear_basis():
-    bake = SquareBake(side=8, degree=1)
-    rng = np.random.default_rng(2)
-    s, t = np.sqrt(rng.random(400_000)), rng.random(400_000)  # density 2 s
-    bake.throw(s, t)
-    root = np.array([0])
-    at = np.linspace(0.1, 0.9, 9)
-    np.testing.assert_allclose(bake.values(root, at, np.full(9, 0.5)), 2 * at, atol=0.02)
-
-
-def test_late_children_get_all_the_flux_of_their_parent():
-    """[Tobler97] eq. 10: photons that came before the children are shared out as those that came after."""
-    rng = np.random.default_rng(5)
-    bake = SquareBake(side=16, degree=1, preview_depth=1)
-    bake.throw(*rng.random((2, 3000)))
-    bake.tree = quadtree.split(bake.tree, np.array([0]))
-    bake.grow()
-    bake.throw(rng.random(500) * 0.5, rng.random(500))  # the later ones only on the left
-    solution = bake.solution()
-    parents = np.flatnonzero(bake.tree.has_children)
-    for parent in parents:
-        children = bake.tree.children[parent][bake.tree.children[parent] >= 0]
-        np.testing.assert_allclose(solution.flux[:, children].sum(1), solution.flux[:, parent], rtol=1e-9)
-    np.testing.assert_allclose(solution.flux[:, 0], 1.0)
-
-
 def test_late_children_scale_their_functions_by_what_their_parent_saw():
     """Eq. 10 holds for the functions as it does for the flux: each integrates to its node's flux, level by level."""
     rng = np.random.default_rng(5)

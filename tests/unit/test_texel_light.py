@@ -1,6 +1,7 @@
 """One definition of the light at a texel: what a viewport and gather rays read is what pages show, but for blending and filters."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,19 +9,26 @@ from boxes import lamp_scene, make_solver
 from leaflight.core.bake.preview import PreviewPages
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.gathered import GatheredField
-from leaflight.core.radiosity import quadtree
 from leaflight.core.util.settings import Settings
 
 
-def bake_room(folder, **knobs):
-    solver = make_solver(folder, lamp_scene(), Settings(size=64, padding=1, **{"max_photons": 200_000, "error": 1e-4, **knobs}))
-    return solver, solver.run(lambda message: None, lambda: False)
+@pytest.fixture(scope="module")
+def bake_room(tmp_path_factory):
+    """Bakes a block on a floor, once for each kind of direct light."""
+
+    @cache
+    def bake(direct):
+        settings = Settings(size=64, padding=1, max_photons=200_000, error=1e-4, direct=direct)
+        solver = make_solver(tmp_path_factory.mktemp(direct), lamp_scene(), settings)
+        return solver, solver.run(lambda message: None, lambda: False)
+
+    return bake
 
 
 @pytest.mark.parametrize(("direct", "alike"), [("rays", 1e-6), ("photons", 0.006)])
-def test_a_glance_has_the_flux_of_the_leaves_and_nearly_that_of_the_pages(tmp_path, direct, alike):
+def test_a_glance_has_the_flux_of_the_leaves_and_nearly_that_of_the_pages(bake_room, direct, alike):
     """Blending of leaves takes 1 to 4 % off this scene's indirect light, which is a tenth of all."""
-    solver, light = bake_room(tmp_path, direct=direct)
+    solver, light = bake_room(direct)
     texels = solver.tracing.texels
     glance = texel_light.glance_at(light, texels, np.arange(len(texels)))
     assert (glance >= 0).all()
@@ -32,8 +40,8 @@ def test_a_glance_has_the_flux_of_the_leaves_and_nearly_that_of_the_pages(tmp_pa
     assert seen.sum(axis=0) - by_rays == pytest.approx(light.solution.flux[:, light.leaves].sum(axis=1), rel=0.005)
 
 
-def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(tmp_path):
-    solver, light = bake_room(tmp_path)
+def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(bake_room):
+    solver, light = bake_room("rays")
     texels = solver.tracing.texels
     known, doubt = texel_light.find_known(light, texels)
     np.testing.assert_allclose(known.T, texel_light.glance_at(light, texels, np.arange(len(texels))).sum(axis=0), rtol=1e-5)
@@ -42,22 +50,17 @@ def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(tmp_pa
     assert np.abs(doubt).max() > 0
 
 
-def test_gathered_light_is_shown_while_a_bake_runs_and_not_gathered_again(tmp_path):
-    solver, light = bake_room(tmp_path, direct="rays", passes=("indirect",))
+def test_gathered_light_is_shown_while_a_bake_runs_and_not_gathered_again(bake_room, tmp_path):
+    solver, light = bake_room("rays")
     texels = solver.tracing.texels
     gathered = GatheredField.none(len(texels))
     half = np.arange(len(texels)) % 2 == 0
     gathered.passes[half], gathered.irradiance[half] = 1, 100.0 * np.pi
     field = replace(light, gathered=gathered)
-    shown = PreviewPages(tmp_path / "pages", texels, solver.tracing.scene.surfaces, solver.settings, print).draw(field)[0]
+    shown = PreviewPages(
+        tmp_path / "pages", texels, solver.tracing.scene.surfaces, replace(solver.settings, passes=("indirect",)), print
+    ).draw(field)[0]
     value = shown[texels.texel_xy[:, 1], texels.texel_xy[:, 0], 0]
     assert (value[half] == 100.0).all()
     assert value[~half].max() < 100.0
     np.testing.assert_array_equal(texel_light.find_known(field, texels)[0], texel_light.find_known(light, texels)[0])
-
-
-def test_entries_are_found_on_the_nodes_that_hold_them(tmp_path):
-    solver, light = bake_room(tmp_path)
-    everywhere = quadtree.node_of_texel(light.tree, light.leaves, len(solver.tracing.texels))
-    entry = np.array([len(everywhere) - 1, 0, 17, 18])
-    np.testing.assert_array_equal(quadtree.node_at_entries(light.tree, light.leaves, entry), everywhere[entry])

@@ -201,17 +201,6 @@ def many_sub_points(texels: TexelMap, **options: float) -> np.ndarray:
     return np.stack([x, y], axis=1).reshape(2500, n, 2) - (texels.texel_xy + 0.5)
 
 
-def test_sub_points_of_whole_texels_are_uniform_over_the_covered_part() -> None:
-    """With many points their mean is the centroid that the moments give, for every texel."""
-    rng = np.random.default_rng(6)
-    texels = make_map(fan(rng, 7, 6.0), position=rng.normal(size=(7, 3, 3)))
-    local, n = many_sub_points(texels, look=1.0), len(texels.texel_area)
-    assert (np.abs(local) <= 0.5 + 1e-4).all()
-    moments = texels.range_moments(np.arange(n), np.arange(n) + 1, texels.texel_xy + 0.5, np.ones(n), 2)
-    np.testing.assert_allclose(local.mean(axis=0), moments[:, 1:3] / moments[:, :1], atol=1e-3)
-    np.testing.assert_allclose((local**2).mean(axis=0), moments[:, [3, 5]] / moments[:, :1], atol=1e-3)
-
-
 def test_sub_points_are_uniform_over_what_a_texel_looks_at() -> None:
     """The inner square on the centre's triangle, all that is covered where there is none."""
     rng = np.random.default_rng(6)

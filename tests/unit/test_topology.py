@@ -72,12 +72,6 @@ def test_vertices_are_joined_where_sides_meet_alone():
     assert joined(join_meshes("Card", quad_mesh(), back)) == [4]
 
 
-def test_vertices_of_different_objects_stay_apart():
-    scene = make_scene([split_faces(box_mesh()), split_faces(box_mesh())])
-    vertex = join_open_sides(scene.vertex_position, scene.tri_vertex, scene.tri_object)
-    assert not np.intersect1d(vertex[scene.tri_object == 0], vertex[scene.tri_object == 1]).size
-
-
 def test_groups_with_two_vertices_at_a_place_are_found():
     scene = make_scene([quad_mesh(), split_faces(box_mesh()), box_mesh(), moved(box_mesh(), (0, 0, 1)), split_faces(quad_mesh())])
     found = find_groups_with_twins(scene.vertex_position, scene.tri_vertex, scene.tri_object)

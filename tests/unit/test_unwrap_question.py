@@ -8,13 +8,7 @@ from leaflight.core.atlas import unwrap_question
 from leaflight.core.atlas.unfolding import UnfolderDied
 from leaflight.core.atlas.unwrap_question import Question
 from leaflight.core.util.geometry import triangle_normals_areas
-from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
-
-PRISM = Mesh(  # of six sides: neighbours are 60 degrees apart, which xatlas may put into one chart
-    "Prism",
-    np.array([[np.cos(a), np.sin(a), z] for z in (0.0, 1.0) for a in np.arange(6) * np.pi / 3]),
-    [[k, (k + 1) % 6, 6 + (k + 1) % 6, 6 + k] for k in range(6)],
-)
+from scenes import Mesh, box_mesh, grid_mesh, make_scene
 
 
 @pytest.fixture
@@ -55,17 +49,6 @@ def ask_apart(*meshes):
     normal, area = triangle_normals_areas(scene.tri_position)
     polygon = scene.tri_object * 1000 + scene.tri_polygon
     return Question(scene.tri_position, normal, area, scene.tri_vertex, polygon, scene.tri_object)
-
-
-def test_objects_are_asked_of_together_and_have_the_charts_that_each_has_by_itself(asked):
-    meshes = [sphere_mesh(), box_mesh(), PRISM, quad_mesh(), join_meshes("Two", box_mesh(), moved(quad_mesh(), (5.0, 0.0, 0.0)))]
-    group, uv = ask_apart(*meshes).read()
-    assert asked == [(6, False)]
-    apart = [ask(mesh).read() for mesh in meshes]
-    length, apart_length = (np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2) for of in (uv, np.concatenate([uv for _, uv in apart])))
-    np.testing.assert_allclose(length, apart_length, rtol=2e-4)
-    own = np.concatenate([group + 1000 * k for k, (group, _) in enumerate(apart)])
-    assert len(np.unique(group)) == len(np.unique(own)) == len(np.unique(np.stack([group, own]), axis=1).T)
 
 
 @pytest.mark.parametrize("cursed", [1, None])

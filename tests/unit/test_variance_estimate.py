@@ -68,19 +68,6 @@ def test_what_shrinking_takes_is_taken_off_and_what_it_takes_at_least_is_sure(ba
     assert differing.find_doubt2(every) > 0.05 * differing.shrunk2.mean()
 
 
-def test_what_is_left_of_it_is_left_of_what_is_shrunk_too(bake):
-    noise, _ = noise_of(bake, risk=np.zeros(len(current(bake))))
-    photons2, shrunk2 = noise.photons2.copy(), noise.shrunk2.copy()
-    noise.keep(0.5, np.arange(10))
-    noise.keep(np.array([0.1, 0.2]), np.array([10, 12]))
-    told = np.arange(bake.n_texel) == 20
-    noise.replace(np.array([7.0]), told)
-    share = np.ones(bake.n_texel)
-    share[:10], share[10], share[12] = 0.5, 0.1, 0.2
-    np.testing.assert_allclose(noise.shrunk2, np.where(told, 0.0, share * shrunk2))
-    np.testing.assert_allclose(noise.photons2, np.where(told, 7.0, share * photons2))
-
-
 def test_one_photon_more_could_have_come_to_each_object():
     """Relative to its own light, and the more the smaller it is; what is judged of none is told nothing."""
     rows = [np.array([0, 1]), np.array([2])]

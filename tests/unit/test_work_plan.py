@@ -130,14 +130,6 @@ def test_objects_that_need_nothing_are_counted(tmp_path):
     assert bake_scene(tmp_path / "b", glowing)[0]["skipped"]["objects_without_effect"] == 0
 
 
-def test_charts_that_no_photon_reaches_are_counted(tmp_path):
-    """Of the lamp's photons none meets the block's underside, which lies on the floor."""
-    result, _, _ = bake_scene(tmp_path / "a", GREY, direct="photons", max_photons=200_000, error=1e-4)
-    assert 1 <= result["skipped"]["charts_without_photons"] < 7
-    assert result["skipped"]["photons"] == 0  # it stopped at its photons, not at its error
-    assert result["leaves"] > 7
-
-
 def test_photons_that_the_time_limit_cost_are_not_counted_as_spared(tmp_path):
     result, _, _ = bake_scene(tmp_path / "a", GREY, max_photons=10**9, error=1e-4, time_limit=0.001)
     assert result["stopped_by"] == "time_limit"
