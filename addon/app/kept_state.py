@@ -6,12 +6,13 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 
 from ...core.bake.checkpoint import INFO_FILE, read_info, remove_checkpoint
 from ...core.util.digest import hash_file
-from ..read.tags import STATE, STATE_IS, STATE_OBJECTS, STATE_OF, remove_marks
+from ..read.tags import STATE, STATE_IS, STATE_LACK, STATE_OBJECTS, STATE_OF, remove_marks
 from ..show.layout import worn_folder
 from .arguments import BakeRequest
 
@@ -19,10 +20,11 @@ MOST_MB = 1000  # a larger state is not kept beside an artist's images
 REFINED = 0.5  # of the error so far, where the panel does not ask for less
 
 
-def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
-    """Remember where the state of the bake that the scene wears is, if it was kept."""
+def mark_state(scene: bpy.types.Scene, request: BakeRequest, result: dict[str, Any]) -> None:
+    """Remember where the state of the bake that the scene wears is, or why none was kept."""
     remove_marks(scene)
     if request.keep is None or not (request.keep / INFO_FILE).is_file():
+        scene[STATE_LACK] = _explain_lack(request, result)
         return
     folder, images = request.keep.resolve(), worn_folder(scene)
     beside = images is not None and images.drive.lower() == folder.drive.lower()
@@ -30,6 +32,18 @@ def mark_state(scene: bpy.types.Scene, request: BakeRequest) -> None:
     scene[STATE_IS] = hash_file(folder / INFO_FILE)
     scene[STATE_OBJECTS] = json.dumps(request.objects)
     scene[STATE_OF] = Path(bpy.data.filepath).stem
+
+
+def _explain_lack(request: BakeRequest, result: dict[str, Any]) -> str:
+    if request.keep is None:
+        return "it was baked without --keep"
+    if result["stopped_by"] == "interrupted":
+        return "it was stopped too early"
+    if result["stopped_by"] == "time_limit":
+        return "its time limit ended too early"
+    if not result["photons"]:
+        return "it has direct light only"
+    return f"that needs more than {MOST_MB:,} MB, or room on the disk"
 
 
 def find_state(scene: bpy.types.Scene) -> Path | None:
@@ -43,9 +57,17 @@ def find_state(scene: bpy.types.Scene) -> Path | None:
     return folder.resolve()
 
 
-def has_state(scene: bpy.types.Scene) -> bool:
-    """Whether the scene's bake can be gone on with."""
-    return find_state(scene) is not None
+def describe_lack(scene: bpy.types.Scene) -> str:
+    """A sentence why the scene's bake cannot be gone on with, "" where it can."""
+    if find_state(scene) is not None:
+        return ""
+    if STATE not in scene:
+        lack = scene.get(STATE_LACK, "")
+        return f"Nothing was kept of this bake to go on with{f': {lack}' if lack else ''}. Press Bake, with a smaller error for less noise"
+    folder = (worn_folder(scene) or Path()) / scene[STATE]
+    if (folder / INFO_FILE).is_file() and folder.is_absolute():
+        return f"The folder {folder.name} is of another bake than the one that you see. Press Bake, or redo what you have undone"
+    return f"The folder {folder.name}, which holds what Refine needs, is gone. Put it back beside the images, or press Bake"
 
 
 def refine_request(scene: bpy.types.Scene, request: BakeRequest) -> BakeRequest:

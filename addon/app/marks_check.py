@@ -122,6 +122,7 @@ _SHAPES: dict[str, tuple[Any, Callable[[Any, Any], Any]]] = {
     tags.MADE: (None, _is_flag),
     tags.STATE: (bpy.types.Scene, _is_text),
     tags.STATE_IS: (bpy.types.Scene, _is_text),
+    tags.STATE_LACK: (bpy.types.Scene, _is_text),
     tags.STATE_OF: (bpy.types.Scene, _is_text),
     tags.STATE_OBJECTS: (bpy.types.Scene, _are_names),
     uv_layer.LAYER: (bpy.types.Mesh, _has_texts("name", "digest", "active", "render")),

@@ -243,7 +243,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
 
 def mark_bake(scene: bpy.types.Scene, session: Session, result: dict[str, Any], baked: Baked) -> None:
     """Remember of a bake that the scene wears where its state and its images are, and what the scene was like."""
-    mark_state(scene, session.request)
+    mark_state(scene, session.request, result)
     spare_images.mark_spare(scene, result.get("spare", ""))
     mark_prints(scene, baked)
 

@@ -17,6 +17,7 @@ STANDS_FOR = "leaflight_stands_for"  # on such an image: that of the earlier bak
 STATE = "leaflight_state"  # on a scene: the folder, relative to that of the images, which Blender finds again wherever the .blend is saved
 STATE_IS = "leaflight_state_is"  # on a scene: digest of the folder's note, for undo and saved files bring back earlier bakes
 STATE_OBJECTS = "leaflight_state_objects"  # on a scene: names of the objects that the bake was of, as JSON; none of all
+STATE_LACK = "leaflight_state_lack"  # on a scene without one: why nothing was kept of its bake, as a part of a sentence
 STATE_OF = "leaflight_state_of"  # on a scene: name of the .blend that the state was kept by, "" where it had none yet
 
 
@@ -43,7 +44,7 @@ def remove_mark(block: Any, name: str) -> None:
 
 def remove_marks(scene: bpy.types.Scene) -> None:
     """Forget the state of the scene's bake."""
-    for mark in (STATE, STATE_IS, STATE_OBJECTS, STATE_OF):
+    for mark in (STATE, STATE_IS, STATE_LACK, STATE_OBJECTS, STATE_OF):
         remove_mark(scene, mark)
 
 

@@ -9,7 +9,7 @@ import bpy
 
 from ..app import live
 from ..app.arguments import BakeRequest
-from ..app.kept_state import has_state, refine_request, remove_state
+from ..app.kept_state import describe_lack, refine_request, remove_state
 from ..app.marks_check import drop_broken_marks
 from ..app.request import make_request
 from ..show import restore, shown_pages, view_shading
@@ -78,11 +78,9 @@ class LEAFLIGHT_OT_refine(Baking, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         if not super().poll(context) or not restore.has_bake(context.scene):
             return False
-        if not has_state(context.scene):
-            cls.poll_message_set(
-                "There is nothing to refine: this bake was stopped too early, is too large, has direct light only, "
-                "or its .refine folder is gone. Press Bake, with a smaller error for less noise"
-            )
+        lack = describe_lack(context.scene)
+        if lack:
+            cls.poll_message_set(lack)
             return False
         return True
 

@@ -98,10 +98,10 @@ def test_refine_works_where_the_folder_was_moved(room, tmp_path):
 
 
 def test_images_that_are_gone_leave_no_state_to_find(room):
-    assert kept_state.has_state(room)
+    assert kept_state.find_state(room)
     for image in layout.worn_images(room).values():
         bpy.data.images.remove(image)
-    assert not kept_state.has_state(room)
+    assert not kept_state.find_state(room)
     bpy.ops.leaflight.remove()
 
 
@@ -186,10 +186,39 @@ def test_an_unchanged_bake_that_never_had_a_state_is_kept(room, state, kept):
     assert state.summarize()[0].startswith("Unchanged since the last bake")
 
 
+def read_tooltip():
+    """What the grey button says."""
+    assert not bpy.ops.leaflight.refine.poll()
+    with pytest.raises(RuntimeError) as found:
+        bpy.ops.leaflight.refine()
+    return str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("result", "why"),
+    [
+        ({"stopped_by": "interrupted", "photons": 9}, "it was stopped too early. Press Bake"),
+        ({"stopped_by": "time_limit", "photons": 9}, "its time limit ended too early. Press Bake"),
+        ({"stopped_by": "error", "photons": 0}, "it has direct light only. Press Bake"),
+        ({"stopped_by": "error", "photons": 9}, "that needs more than 1,000 MB, or room on the disk. Press Bake"),
+    ],
+)
+def test_a_grey_refine_says_why(room, tmp_path, result, why):
+    kept_state.mark_state(room, BakeRequest(Settings(), keep=tmp_path / "nothing.refine"), result)
+    assert why in read_tooltip()
+    kept_state.remove_state(room)
+    assert "to go on with. Press Bake" in read_tooltip(), "of a file that an earlier version saved"
+
+
+def test_a_state_of_another_bake_is_a_sentence(room, kept):
+    info = next(kept.glob("*.json"))
+    info.write_text(info.read_text() + " ")
+    assert "The folder room.refine is of another bake" in read_tooltip()
+
+
 def test_a_state_that_is_gone_is_a_sentence(room, kept):
     next(kept.glob("*.json")).unlink()
-    with pytest.raises(RuntimeError, match=r"There is nothing to refine: .* folder is gone"):  # what the grey button says
-        bpy.ops.leaflight.refine()
+    assert "The folder room.refine, which holds what Refine needs, is gone" in read_tooltip()
     with pytest.raises(ValueError, match="bake it again"):
         kept_state.refine_request(room, BakeRequest(Settings()))
 

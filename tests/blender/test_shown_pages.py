@@ -80,12 +80,12 @@ def test_undo_and_redo_bring_back_each_bake_with_its_own_light(first):
     scene = bpy.context.scene
     assert look() == first
     assert worn_result(scene) != told, "the panel tells of the bake that is worn"
-    assert not kept_state.has_state(scene), "what is kept is the second bake's"
+    assert not kept_state.find_state(scene), "what is kept is the second bake's"
     bpy.ops.ed.redo()
     scene = bpy.context.scene
     assert look() == second
     assert worn_result(scene) == told
-    assert kept_state.has_state(scene)
+    assert kept_state.find_state(scene)
 
 
 def test_the_first_bake_is_undone_as_a_whole():
