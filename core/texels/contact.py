@@ -17,12 +17,12 @@ from .tiles import TILE_SIDE
 
 _LIFT_TEXELS = 0.25  # height of the contact rays above the surface
 _REACH_TEXELS = 1.5  # their length
-# Height up to which an object covers the surface below it. At its edge light changes over about as many texels as it is high; over more
-# than four, leaves are better left uncut.
+# Height up to which an object covers the surface below it. At the edge of a cover light changes over about as many texels as the cover is
+# high; if it changes over more than four, it is better not to cut leaves there.
 _COVER_TEXELS = 3.0
-_SHEER_TEXELS = 2.0  # a cover ends where it rises by so much to the next texel; if it rises by less, as a ball does, light has no edge
+_SHEER_TEXELS = 2.0  # a cover ends where it rises by this to the next texel; if it rises by less, as a ball does, light has no edge
 _COVER_STEPS = 5  # bisections between two texels for the edge of a cover
-_TILE_LOOKS = 3  # points per side of a tile at which covers are sought
+_TILE_LOOKS = 3  # points per side of a tile at which covers are searched
 _CHUNK = 1 << 18
 
 
@@ -38,9 +38,9 @@ def find_contacts(
     position     (n, 3) float32, unit box
     normal       (n, 3) float32, unit
     texel_size   (n,) float, unit box: side of a texel on the surface
-    axes         (2, n, 3) float32, unit: directions that the rays go to and fro; any in the surface if None
-    out          (4, n) int32: the triangle met towards each of WAYS, in columns and rows along the axes; -1 for none;
-                 and (4, n) float32, texels: how far away, inf for none
+    axes         (2, n, 3) float32, unit: the rays go along these and against them; if None, along any two tangents
+    out          (4, n) int32: the triangle met towards each of WAYS, whose columns and rows run along the axes; -1 for none;
+                 and (4, n) float32, texels: its distance, inf for none
     """
     found = np.full((len(WAYS), len(position)), -1, np.int32)
     texels = np.full(found.shape, np.inf, np.float32)
@@ -78,9 +78,10 @@ def find_between(
 def find_covers(
     rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Geometry on the surface or close above it, where the rays of find_contacts pass between them or above both.
+    """Geometry on the surface or close above it, which the rays of find_contacts miss because they pass above or below it.
 
-    Arguments as there. A rug is often much thinner than a texel is wide, and as dark below as a cupboard is; so is a wall behind a curtain.
+    Arguments are as for find_contacts. A rug is often much thinner than a texel is wide, but the floor below it is as dark as below a
+    cupboard; so is a wall behind a curtain.
     out   (n,) int32: the triangle met first, -1 for none; and (n,) float32, texels: its height, inf for none
     """
     found, texels = np.full(len(position), -1, np.int32), np.full(len(position), np.inf, np.float32)
@@ -111,7 +112,7 @@ def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArr
 def find_cover_edges(
     rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> NDArray[np.float32]:
-    """(m,) float32, 0 to 1: fraction of the way from covered to bare points (m, 3) at which the cover ends. Others as for find_covers."""
+    """(m,) float32, 0 to 1: where the cover ends on the way from covered to bare points (m, 3). The rest is as for find_covers."""
     low, step = np.zeros((len(covered), 1), np.float32), np.float32(0.5)
     for _ in range(_COVER_STEPS):
         place = covered + (low + step) * (bare - covered)

@@ -28,12 +28,12 @@ _Bool = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class _Net:
-    """A graph of patches, or of units of patches connected within squares, and the ways between adjacent ones, its edges.
+    """A graph whose nodes are patches, or units of patches connected within squares; edges join adjacent nodes.
 
-    key      (k,) int64, ascending: key of each one's first texel
+    key      (k,) int64, ascending: key of each node's first texel
     size     (k,) int64, texels
-    pair     (2, m) int64: ends of the ways
-    length   (m,) int64, texels: width of the ways
+    pair     (2, m) int64: nodes of each edge
+    length   (m,) int64, texels: length of the border that both share
     """
 
     key: _Int64
@@ -42,7 +42,9 @@ class _Net:
     length: _Int64
 
     def join(self, level: int) -> tuple[_Int64, _Net]:
-        """The net of units within squares of side 2**level, and the unit of each patch (k,). Larger squares cannot disconnect a unit."""
+        """The unit of each node (k,), and the graph of units: nodes that are connected within a square of side 2**level, which larger
+        squares cannot disconnect.
+        """
         square = self.key >> 2 * level
         inside = square[self.pair[0]] == square[self.pair[1]]
         part = join_sets(len(square), *self.pair.compress(inside, axis=1))
@@ -53,7 +55,7 @@ class _Net:
         return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
 
     def take(self, rows: _Int64) -> _Net:
-        """The subgraph of rows (j,), ascending."""
+        """The subgraph of nodes (j,), ascending."""
         place = np.full(len(self.key), -1)
         place[rows] = np.arange(len(rows))
         pair = place[self.pair]
@@ -62,7 +64,7 @@ class _Net:
 
 
 def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log2: int) -> tuple[_Int64, _Int64]:
-    """The first patch of each patch's connected component (k,), and of its piece within that (k,).
+    """The first patch of each patch's connected component (k,), and the first patch of its piece within the component (k,).
 
     key      (k,) int64, ascending: chart and Morton code of each patch's first texel
     size     (k,) int64, texels: 1, or all of a tile
@@ -90,10 +92,10 @@ def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log
 
 
 def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _Int64:
-    """(k,) int64: labels of pieces, after parts have left their pieces in squares of side 2**level.
+    """(k,) int64: labels of the nodes' pieces, after parts have left their pieces in squares of side 2**level.
 
-    label        (k,) int64: the piece that each is of
-    closed_key   (2, j) int64: keys of texels side by side that something stands between
+    label        (k,) int64: labels before
+    closed_key   (2, j) int64: keys of adjacent texels with a surface between them
     """
     key, founds = net.key >> 2 * level, level > _LEAST_LOG2
     square = np.cumsum(np.diff(key, prepend=-1) != 0) - 1
@@ -109,10 +111,10 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
     if not founds:
         open_ways = ~_cross_lines(near.key[within], square[within[0]], closed_key, closed_square)
         within = within.compress(open_ways, axis=1)
-    part = join_sets(len(kept), *within)  # a part moves as a whole
+    part = join_sets(len(kept), *within)  # parts change pieces as a whole
     across = _Net(near.key, near.size, np.concatenate([outer, outer[::-1]], axis=1), np.tile(near.length.compress(~inner), 2))
     label = label.copy()
-    for _ in range(_MOST_PASSES):  # as a piece takes what lies beside it, it comes to lie beside more
+    for _ in range(_MOST_PASSES):  # a piece that took a part may be adjacent to further ones
         before = label[kept]
         label[kept] = _move_parts(across, before, square, part, looked, int(label.max()) + 1 if founds else 0)
         if (before == label[kept]).all():
@@ -121,14 +123,14 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
 
 
 def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: _Bool, fresh: int) -> _Int64:
-    """(k,) int64: labels of pieces, where parts have left for others.
+    """(k,) int64: labels of the nodes' pieces, after parts have moved to other pieces.
 
-    net      its ways connect squares and are listed in both directions
-    label    (k,) int64: the piece that each is of
-    square   (k,) int64: the square that it is in
-    part     (k,) int64: the first one of its part, all of which is of one piece in one square
-    looked   (k,) bool: those in squares whose parts may leave
-    fresh    label of the first piece that parts found which lie beside no other one; 0 if they stay
+    net      its edges connect squares and are listed in both directions
+    label    (k,) int64: piece of each node
+    square   (k,) int64: square of each node
+    part     (k,) int64: first node of each node's part; a part lies in one square and in one piece
+    looked   (k,) bool: nodes in squares whose parts may leave
+    fresh    first label for new pieces of parts that are adjacent to no other piece; 0 if such parts stay
     """
     count = len(label)
     texels = _sum_at(part, net.size)
@@ -152,10 +154,12 @@ def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: 
 
 
 def _cross_lines(key: _Int64, square: _Int64, closed_key: _Int64, closed_square: _Int64) -> _Bool:
-    """(m,) bool: ways across a line, within one of the smallest squares, that something stands on: a wall's line goes on past its end.
+    """(m,) bool: pairs of texels across a line on which a surface stands somewhere in their square: a wall's line is extended past its end.
 
-    key, closed_key         (2, m) and (2, j) int64: keys of texels side by side
-    square, closed_square   (m,) and (2, j) int64: numbers of their squares; those of a way lie in one
+    Lines lie between columns or rows of the smallest squares.
+
+    key, closed_key         (2, m) and (2, j) int64: keys of adjacent texels
+    square, closed_square   (m,) and (2, j) int64: numbers of their squares; both texels of a pair (m,) lie in one
     """
     inside = closed_square[0] == closed_square[1]
     closed = _number_lines(closed_key[:, inside], closed_square[0, inside])
@@ -166,7 +170,7 @@ def _cross_lines(key: _Int64, square: _Int64, closed_key: _Int64, closed_square:
 
 
 def _number_lines(key: _Int64, square: _Int64) -> _Int64:
-    """(m,) int64: which line between columns or rows of squares (m,) is between texels of keys (2, m), both of them there."""
+    """(m,) int64: numbers of the lines between texels of keys (2, m), both of which lie in squares (m,)."""
     x, y = (place[key & (TILE_TEXELS - 1)] for place in (_COLUMN, _ROW))
     is_row = x[0] == x[1]
     number: _Int64 = 2 * (square * TILE_SIDE + np.where(is_row, np.maximum(*y), np.maximum(*x))) + is_row
@@ -174,7 +178,7 @@ def _number_lines(key: _Int64, square: _Int64) -> _Int64:
 
 
 def _sum_alike(pair: _Int64, length: _Int64, count: int) -> tuple[_Int64, _Int64]:
-    """Pairs (2, m) of numbers below count, each once and in order, and the sums of their lengths (m,)."""
+    """Distinct pairs of numbers below count, ascending, from pairs (2, m); and the sums of their lengths."""
     found, place = np.unique(pair[0] * count + pair[1], return_inverse=True)
     return np.stack(np.divmod(found, count)), _sum_at(place, length)
 

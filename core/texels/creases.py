@@ -20,13 +20,13 @@ from ..scene.topology import find_ends, find_groups_with_twins, join_open_sides,
 from ..util.arrays import FloatArray, IntArray
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
-# texels; adjacent narrower faces are a rough surface, of which a texel shows the mean: each by itself would receive too few photons
+# texels; adjacent narrower faces form a rough surface whose mean the texels show, since each face alone would receive too few photons
 _LEAST_WIDTH = 2.0
 _LOST_WIDTH = 4.0  # texels; narrower faces that border mostly on such faces belong to that surface too
 
 
 def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
-    """The atlas with its charts cut where shading normals differ across an edge, or a wall stands; nothing moves on the pages."""
+    """The atlas with charts cut at edges where shading normals differ or a wall stands; nothing moves on the pages."""
     used = np.flatnonzero(atlas.tri_chart >= 0)
     thing = snapshot.tri_object[used]
     vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex[used], thing)
@@ -56,7 +56,7 @@ def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_o
     crowded = find_groups_with_twins(vertex_position, tri_vertex, tri_object)
     leads = np.zeros(ends.shape[1], bool)
     leads[one] = True
-    crowded[tri_object[other[leads[other]] // 3]] = True  # those between two others of their edge
+    crowded[tri_object[other[leads[other]] // 3]] = True  # a side that is in two pairs: its edge has three sides or more
     side = np.flatnonzero(np.repeat(crowded[tri_object], 3))
     foot = np.zeros(ends.shape[1], bool)
     if len(side):
@@ -69,7 +69,7 @@ def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_o
 
 
 def _point_off(corner: NDArray[np.float64], side: IntArray) -> NDArray[np.float64]:
-    """(m, 3) float64, unit: directions in the planes of triangles, corners (m, 3, 3), at right angles to their sides (m,), inwards."""
+    """(m, 3) float64, unit: inward directions in the planes of triangles, perpendicular to their sides (m,); corner (m, 3, 3)."""
     rows = np.arange(len(side))
     start, end, far = (corner[rows, (side + k) % 3] for k in range(3))
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
@@ -80,37 +80,39 @@ def _point_off(corner: NDArray[np.float64], side: IntArray) -> NDArray[np.float6
 
 
 def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n_edge,) bool: whether directions (m, 3) of sides differ thrice at edges (m,), numbers without a gap."""
+    """(n_edge,) bool: whether an edge has sides in three directions or more; directions (m, 3) of sides at edges (m,), numbered without
+    gaps.
+    """
     count = np.bincount(edge)
     first = np.unique(edge, return_index=True)[1]
     cosine = (direction * direction[first[edge]]).sum(axis=1)
-    least = np.lexsort((cosine, edge))[np.cumsum(count) - count]  # what differs most from the first of its edge
+    least = np.lexsort((cosine, edge))[np.cumsum(count) - count]  # the side that differs most from the first of its edge
     differs = (cosine < _CREASE_COSINE) & ((direction * direction[least[edge]]).sum(axis=1) < _CREASE_COSINE)
     fork: NDArray[np.bool_] = np.bincount(edge, differs, len(count)) > 0
     return fork
 
 
 def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
-    """(2, m) bool: whether normals (2, m, 3) form a crease; without a normal there is none."""
+    """(2, m) bool: whether normals (2, m, 3) form a crease; not where one of them is 0."""
     has_normals = one.any(axis=-1) & other.any(axis=-1)
     differ: NDArray[np.bool_] = has_normals & ((one * other).sum(axis=-1) < _CREASE_COSINE)
     return differ
 
 
 def _find_narrow(tri_uv: FloatArray, facet: IntArray, pair: IntArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) bool: whether facets are of a rough surface.
+    """(n,) bool: whether facets belong to a rough surface.
 
     tri_uv   (n, 3, 2) float64, texels
-    facet    (n,) int64, below n: of each triangle
-    pair     (2, m) int64, sides that lie together, side 3 i + k from corner k of triangle i on
-    smooth   (m,) bool: within a facet; elsewhere a crease
+    facet    (n,) int64, below n: facet of each triangle
+    pair     (2, m) int64: sides that share an edge; side 3 i + k starts at corner k of triangle i
+    smooth   (m,) bool: whether the edge lies within a facet; else it is a crease
     """
     length = np.linalg.norm(np.roll(tri_uv, -1, axis=1) - tri_uv, axis=2).ravel()
     outer = length.copy()
     outer[pair[:, smooth]] = 0.0
     around = np.bincount(np.repeat(facet, 3), outer, minlength=len(facet))
     area = np.bincount(facet, np.abs(signed_areas(tri_uv)), minlength=len(facet))
-    # The side of a square, twice the width of a long strip.
+    # For a square this is its side, for a long strip twice its width.
     width = np.divide(4.0 * area, around, out=np.zeros(len(facet)), where=around > 0.0)
     narrow = width < _LEAST_WIDTH
     crease = pair[:, ~smooth]

@@ -1,7 +1,7 @@
-"""Another order of a texel map's entries, in place.
+"""Reorders a texel map's entries in place.
 
-New memory is cleared by the system page by page, which takes longer than to move what is there: on a page of 4096 x 4096 a second copy of
-all that is known of texels would take as long as to find out where to cut charts.
+The system clears new memory page by page, which takes longer than moving data within an array: on a page of 4096 x 4096, a second copy of
+the texel map would take as long as the search for the cuts.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class EntryOrder:
-    """Entries that go to the end, while those behind them move up; both in runs, most of them long.
+    """A permutation of entries: some move to the end, and the others close the gaps. Both are listed as runs low ... high - 1.
 
-    stay   (2, j) int64, ascending: of entries low ... high - 1
-    go     (2, k) int64: the same, in their order at the end
+    stay   (2, j) int64, ascending: low and high of the runs that stay
+    go     (2, k) int64: low and high of the runs that move, in their order at the end
     """
 
     stay: _Int64
@@ -35,17 +35,17 @@ class EntryOrder:
 
     @classmethod
     def of(cls, start: _Int64, size: _Int64, order: _Int64, count: int) -> EntryOrder:
-        """The patches (k,) at start, ascending, go to the end in their order, of `count` entries."""
+        """Patches of `count` entries move to the end: start and size (k,), ascending, and order (k,) their new order."""
         end = start + size
         between = np.stack([np.append(0, end), np.append(start, count)])
         return cls(between[:, between[0] < between[1]], _join_runs(np.stack([start[order], end[order]])))
 
     def apply(self, values: NDArray[Any]) -> None:
-        """In place, along the first axis of values (n, ...). Raises ValueError where these are not one after the other in memory."""
+        """Reorder values (n, ...) along their first axis, in place. Raises ValueError if they are not contiguous in memory."""
         if not values.flags.c_contiguous:
             raise ValueError("values that do not lie one after the other in memory cannot be moved in place.")
         row = max(values[:1].size, 1)
-        flat = values.reshape(-1)  # rows of their own would be copied before they move
+        flat = values.reshape(-1)  # numpy would copy overlapping rows before it moves them
         gone = [flat[low * row : high * row].copy() for low, high in self.go.T.tolist()]
         end = 0
         for low, high in self.stay.T.tolist():
@@ -55,7 +55,7 @@ class EntryOrder:
         np.concatenate([flat[:0], *gone], out=flat[end * row :])
 
     def place(self) -> NDArray[np.int32]:
-        """(n + 1,) int32: where each entry is then; -1, the last one, is nowhere."""
+        """(n + 1,) int32: new index of each entry; the last maps -1 to -1."""
         low, high = np.concatenate([self.stay, self.go], axis=1)
         end = np.cumsum(high - low)
         out = np.empty(int(end[-1]) + 1, np.int32)
@@ -66,15 +66,15 @@ class EntryOrder:
 
 
 def _join_runs(runs: _Int64) -> _Int64:
-    """(2, j): runs (2, k) with those joined that follow each other."""
+    """(2, j): runs (2, k), where a run that starts at another's end is joined to it."""
     apart = runs[0, 1:] != runs[1, :-1]
     return np.stack([runs[0, np.append(True, apart)[: runs.shape[1]]], runs[1, np.append(apart, True)[: runs.shape[1]]]])
 
 
 def put_in_order(texels: TexelMap, order: EntryOrder, say: Say = lambda share: None) -> TexelMap:
-    """The map with its entries in that order, the chart_ fields as they are. The map that was is used up: this one has its arrays.
+    """The map with its entries in another order; the chart_ fields stay. The old map must not be used again: its arrays are overwritten.
 
-    say   receives the share that is done
+    say   receives the finished share of the work
     """
     place = order.place()
     fields: list[NDArray[Any]] = [texels.texel_xy, texels.texel_code, texels.texel_area, texels.texel_tri, texels.texel_chart]

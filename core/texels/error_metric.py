@@ -1,4 +1,4 @@
-"""Texels over which the error is measured: of the bake as a whole, or of each object relative to its own brightness.
+"""Texels over which the error is measured: for the bake as a whole, or for each object relative to its own brightness.
 
 The error of the whole is a mean, in which a dim room counts little beside a sunlit outside, and a small object little beside a large one.
 With error_of="objects" the stopping rule uses the object of the greatest error, and objects of greater error get more samples.
@@ -23,7 +23,7 @@ from .texel_map import TexelMap
 # In a group of several the mean is at least DARK_FLOOR times that of the whole: errors of what is nearly black are hardly visible.
 DARK_FLOOR = 0.1
 # The worst texels are left out: on a hard edge of light, the error depends on whether a texel holds the value at its centre or its mean.
-# Texels whose centre lies outside of the chart are left out too: little of them is visible, and no other baker has light there.
+# Texels whose centres lie outside of the chart are left out too: little of them is visible, and other bakers leave them empty.
 BEST_TEXELS = 0.99
 _NONE = -1  # group of texel entries outside of all groups
 _SAMPLE = 1 << 13  # sample size of the whole
@@ -72,7 +72,7 @@ class ErrorMetric:
 
     @classmethod
     def by_object(cls, texels: TexelMap, tri_object: IntArray) -> ErrorMetric:
-        """A sample of equal size for each object that has so many texels; the whole if no object has enough."""
+        """A sample of equal size for each object that has enough texels; the whole if none has."""
         thing = tri_object[texels.texel_tri].astype(np.int32)
         asked = np.flatnonzero(texels.shown & texels.is_central)
         all_of = _group(thing[asked])
@@ -152,7 +152,7 @@ class Parts:
         return found
 
     def weigh(self, errors: NDArray[np.float64], wanted: float) -> NDArray[np.float64]:
-        """(p,) float64: weights of squared errors that bring the greatest of the errors (p,) down to `wanted`, per texel."""
+        """(p,) float64: weights per texel of squared errors, such that samples bring the greatest of the errors (p,) down to `wanted`."""
         if self.of_entry is None:
             return np.ones(1)
         over = np.nan_to_num(errors) / wanted
@@ -177,7 +177,7 @@ def find_dark2(light: FloatArray, dark: float) -> np.float32:
 
 
 def _group(value: IntArray) -> dict[int, NDArray[np.int64]]:
-    """Each value that there is, ascending, and its rows (k,) int64, ascending."""
+    """Each distinct value, ascending, with its rows (k,) int64, ascending."""
     order = np.argsort(value, kind="stable")
     found, first = np.unique(value[order], return_index=True)
     return {int(one): order[start:end] for one, (start, end) in zip(found, pairwise([*first, len(value)]), strict=True)}

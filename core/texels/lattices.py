@@ -16,13 +16,13 @@ from .texel_map import TexelMap
 
 @dataclass(frozen=True)
 class Lattice:
-    """Texels of a page, or every second of them each way.
+    """The texels of a page, or every second one in each direction.
 
     grainy     (m,) int64: entries to be filtered
     xy         (m, 2) int: their columns and rows
     entry_at   (h, w) int32, -1 where no chart covers the texel
     may        (n,) bool: further entries that may be filtered; None means all
-    of_quads   each of these entries represents its quad
+    of_quads   whether each of these entries represents its quad
     """
 
     grainy: NDArray[np.int64]
@@ -33,10 +33,10 @@ class Lattice:
 
 
 def list_lattices(grainy: NDArray[np.bool_], texels: TexelMap, by_quads: NDArray[np.bool_] | None = None) -> Iterator[Lattice]:
-    """Those on which grain is smoothed; arguments as of denoise.begin_denoising.
+    """The lattices on which noise is filtered; arguments are as for denoise.begin_denoising.
 
-    Charts begin anywhere, so that the quads of a page may be on any of four lattices; each also meets every other quad once. So light goes
-    over between quads and texels beside them, which are smoothed by all texels.
+    Charts begin anywhere, so the first texels of quads may lie on any of four lattices. The lattice of all texels filters those outside of
+    quads, and its windows reach into quads, so light stays continuous at the borders of quads.
     """
     entries, first = np.flatnonzero(grainy), np.zeros(0, np.int64)
     is_first = is_single = None

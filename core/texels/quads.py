@@ -1,7 +1,7 @@
-"""Quads, squares of 2 x 2 texels sampled as one: over most of a large page light hardly changes within them.
+"""Quads are squares of 2 x 2 texels that are sampled as one: over most of a large page light hardly changes within them.
 
-8 x 8 quads form a large tile, in Morton order as in a tile. Within it the light at the texels is reconstructed as a fitted quadratic
-surface plus the quads' residuals. Where that does not suffice, see find_misfit, quads are not used.
+8 x 8 quads form a large tile, in Morton order as the texels of a tile. There the light at texels is reconstructed as a fitted quadratic
+surface plus the quads' residuals. Quads are not used where the surface does not fit (find_misfit).
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def _monomials(x: FloatArray, y: FloatArray) -> Float64:
 
 
 def _find_surface() -> tuple[Float64, Float64]:
-    """(64, 6): from quads to the least-squares surface's coefficients; (6, 256): from these to texels, minus the mean over the quad."""
+    """(64, 6): maps quads to coefficients of the least-squares surface. (6, 256): maps these to texels, minus the mean over the quad."""
     surface = np.linalg.pinv(_monomials(*part_bits(np.arange(TILE_TEXELS)))).T
     x, y = part_bits(np.arange(_LARGE_TEXELS))
     at_texels = _monomials((x - 0.5) / 2.0, (y - 0.5) / 2.0).T.reshape(-1, TILE_TEXELS, QUAD_TEXELS)

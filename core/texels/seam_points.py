@@ -28,9 +28,9 @@ _POINTS_PER_TEXEL = 2.0  # along an edge
 
 @dataclass(frozen=True)
 class SeamPoints:
-    """Points on seams, each as it lies on both sides.
+    """Points on seams, with their places on both sides.
 
-    n_edge     number of their edges
+    n_edge     number of edges
     page       (2, m) int32
     place      (2, m, 2) float64, page texels
     tri        (2, m) int32
@@ -45,7 +45,7 @@ class SeamPoints:
 
 
 def find_seams(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64, tri_page: Int32) -> SeamPoints:
-    """Points on edges of the scene that lie on chart borders and across which light goes on.
+    """Points on edges of the scene that lie on chart borders and across which light is continuous.
 
     tri_chart   (n_tri,) int32           -1 for triangles without texels
     tri_uv      (n_tri, 3, 2) float64    page texels
@@ -89,7 +89,7 @@ def _are_near(one: NDArray[Any], other: NDArray[Any], cosine: float) -> NDArray[
 
 
 def _pair_sides(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64) -> tuple[Int64, Int64]:
-    """Sides of triangles, each by the corner it starts from, that are one edge in space but lie at two places of the pages.
+    """Pairs of sides that are one edge in space but lie at two places of the pages; a side is the number of the corner it starts from.
 
     Edges that more than two sides share are left out.
     """

@@ -1,7 +1,7 @@
-"""Texels divided by another surface: the area beyond it belongs to the neighbouring texel.
+"""Texels that another surface divides: the area beyond the surface belongs to the neighbouring texel.
 
-The foot of a wall seldom coincides with the border of two texels. Light on the far side of it within a texel belongs to the texel there;
-otherwise it would leak to this side's leaf, which may be many texels wide.
+The foot of a wall seldom coincides with the border of two texels. The light within a texel on the far side of the wall belongs to the
+texel there; otherwise it would leak to this side's leaf, which may be many texels wide.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 WAYS = ((1, 0), (0, 1), (-1, 0), (0, -1))  # offsets in columns and rows to the adjacent texels
 OPPOSITE = (2, 3, 0, 1)  # of WAYS
-QUADRANTS = ((0, 1), (2, 1), (2, 3), (0, 3))  # of a texel: the two of WAYS on either side of each, columns first
+QUADRANTS = ((0, 1), (2, 1), (2, 3), (0, 3))  # of a texel: indices of the two of WAYS that enclose each, columns first
 _HALF = 0.5  # texels, from the centre to the edge
 
 
@@ -34,12 +34,12 @@ class TexelBorders:
 
     crossed   (n,) bool: whether an entry is divided; empty if none is
     entry     (b,) int64, ascending: the divided entries
-    reach     (4, b) float32, texels: extent from the centre towards each of WAYS; inf without a surface there, and where it is unknown,
-              as for partly covered texels, which keep all of their area
+    reach     (4, b) float32, texels: distance of the surface from the centre towards each of WAYS; inf without a surface, and where it is
+              unknown, as for partly covered texels, which keep all of their area
     other     (4, b) int32: the entry beyond; -1 without a surface there
-    corner    (4, 2, b) float32, texels: where the corner of a hut or a pillar stands in one of QUADRANTS, extents in columns and rows
-              beyond which it is inside; inf without one
-    diagonal  (4, b) int32: the entry that the inside belongs to, the next one aslant; -1 without a corner
+    corner    (4, 2, b) float32, texels: if the corner of a hut or a pillar stands in one of QUADRANTS, distances in columns and rows beyond
+              which a point is inside of it; inf without one
+    diagonal  (4, b) int32: the diagonal neighbour, to which the inside of that corner belongs; -1 without a corner
     """
 
     crossed: NDArray[np.bool_]
@@ -55,7 +55,7 @@ class TexelBorders:
 
     @classmethod
     def of(cls, n_texel: int, way: Int64, entry: Int64, beyond: Int64, reach: FloatArray) -> TexelBorders:
-        """From pairs (m,) of entries with a surface between their centres, each pair in both directions; other arguments as the fields."""
+        """From pairs (m,) of entries with a surface between their centres, each pair in both directions; way (m,) indexes WAYS."""
         crossed = np.zeros(n_texel, bool)
         crossed[entry] = True
         every, own = np.unique(entry, return_inverse=True)
@@ -64,7 +64,7 @@ class TexelBorders:
         return borders
 
     def with_corners(self, quadrant: IntArray, entry: IntArray, extent: FloatArray, diagonal: IntArray) -> TexelBorders:
-        """These, and corners of other things within texels: (m,) each but extent (2, m), as the fields have them."""
+        """These borders with corners of other things within texels: (m,) each, and extent (2, m), as in the fields."""
         if not len(entry):
             return self
         crossed = self.crossed.copy()
@@ -78,11 +78,10 @@ class TexelBorders:
         return borders
 
     def find_corners(self, beside: Callable[[Int64, tuple[int, int]], Int64]) -> tuple[Int64, Int64, Float64, Int64]:
-        """Arguments of with_corners: texels open to two neighbours each of which a surface parts from the texel aslant.
+        """Corners as arguments of with_corners: texels that are open to two neighbours, each of which a surface separates from the texel
+        diagonal to the first. Both surfaces then end at a corner within the quadrant between the neighbours.
 
-        Both surfaces then end within the quadrant between them, at the corner of a thing.
-
-        beside   the entries that lie so many columns and rows from entries (m,); -1 where none does, or one that is not covered in full
+        beside   maps entries (m,) and an offset in columns and rows to the entries there; -1 if there is none that is covered in full
         """
         found: list[tuple[Int64, ...]] = []
         extents = []
@@ -102,7 +101,7 @@ class TexelBorders:
 
     @classmethod
     def join(cls, parts: Sequence[TexelBorders]) -> TexelBorders:
-        """Those of all entries, of parts of them that follow each other, each numbered for itself."""
+        """The borders of consecutive ranges of entries, each numbered from 0, joined."""
         first = [0, *accumulate(len(part.crossed) for part in parts[:-1])]
         return cls(
             np.concatenate([part.crossed for part in parts]),
@@ -114,7 +113,7 @@ class TexelBorders:
         )
 
     def renumber(self, place: Int32) -> TexelBorders:
-        """The same where entries have other numbers: place (n,) int32 of each."""
+        """The same borders after entries were reordered: place (n,) int32 is the new number of each."""
         crossed = np.zeros(len(self.crossed), bool)
         crossed[place[self.entry]] = True
         rows = np.argsort(place[self.entry])
@@ -138,7 +137,7 @@ class TexelBorders:
         return found
 
     def are_between(self, way: int, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
-        """(m,) bool: whether a surface separates the entries `one` (m,) from `other` (m,) in that direction."""
+        """(m,) bool: whether a surface separates entries `one` (m,) from `other` (m,), which lie in that direction."""
         between = np.zeros(len(one), bool)
         if len(self.entry):
             rows = np.flatnonzero(self.crossed[one])
@@ -146,7 +145,7 @@ class TexelBorders:
         return between
 
     def find_owners(self, entry: Int32, right: FloatArray, up: FloatArray) -> Int32:
-        """(m,) int32: the owners of points in texel entries (m,), at offsets right and up (m,) from the centres, texels."""
+        """(m,) int32: entries that own points in texels entry (m,), at offsets right and up (m,) from the centres, texels."""
         rows = np.flatnonzero(self.crossed.take(entry)) if len(self.entry) else np.zeros(0, np.intp)
         if not len(rows):
             return entry
@@ -163,7 +162,7 @@ class TexelBorders:
         return found
 
     def list_beyond(self, look: float) -> tuple[Int64, Int32, Float64]:
-        """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entry there; and its share."""
+        """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entries there; and their shares of the square."""
         inside, corner = (np.maximum(0.5 * look - reach.astype(np.float64), 0.0) / look for reach in (self.reach, self.corner))
         share, beyond = np.concatenate([inside, corner.prod(axis=1)]), np.concatenate([self.other, self.diagonal])
         way, row = np.nonzero(share)
@@ -205,13 +204,13 @@ def whole_texel(degree: int) -> Float64:
 
 
 def _no_borders(count: int) -> tuple[NDArray[np.float32], Int32, NDArray[np.float32], Int32]:
-    """Fields of TexelBorders from `reach` on for so many texels without a surface."""
+    """The fields of TexelBorders from `reach` on, for `count` texels without a surface."""
     reach, corner = np.full((4, count), np.inf, np.float32), np.full((4, 2, count), np.inf, np.float32)
     return reach, np.full((4, count), -1, np.int32), corner, np.full((4, count), -1, np.int32)
 
 
 def _number_on(entry: Int32, first: int) -> Int32:
-    """Entries, -1 for none, of a part that begins with entry `first` of all."""
+    """Entries numbered from 0 renumbered from `first`; -1 for none stays."""
     out: Int32 = np.where(entry >= 0, first + entry, np.int32(-1)).astype(np.int32)
     return out
 
@@ -228,7 +227,10 @@ def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) ->
 
 
 def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda share: None) -> TexelMap:
-    """The map with borders and the areas and moments that follow, the areas in place; reports the share that is done."""
+    """The map with these borders, and the areas and moments of texels changed accordingly; areas are changed in place.
+
+    say   receives the finished share of the work
+    """
     if not len(borders.entry):
         return texels
     shares = borders.are_divided
@@ -238,7 +240,7 @@ def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda shar
     texels.texel_area[entry] = moments[0]
     excess = moments - whole_texel(texels.degree) * moments[0]
     row = np.searchsorted(texels.part_entry, entry)
-    is_part = np.append(texels.part_entry, -1)[row] == entry  # of several triangles, but as even as one
+    is_part = np.append(texels.part_entry, -1)[row] == entry  # an entry of several triangles that are as even as one
     part_moments = texels.part_moments.copy()
     part_moments[row[is_part]] = excess.T[is_part]
     entry, excess = entry[~is_part], excess[:, ~is_part]

@@ -1,4 +1,4 @@
-"""Footprints of texels: a square on one triangle each, or pieces of the triangles of their chart."""
+"""Footprints of texels. Each is a square on one triangle, or consists of pieces of several triangles."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
 @dataclass(frozen=True)
 class TexelLooks:
-    """Footprints of n texels. Elements are their squares, then the m pieces of texels without a square; a point in an element is
-    linear in two coordinates.
+    """Footprints of n texels. The elements are one square per texel, then m pieces that replace the squares of some. Points of an element
+    are linear in two coordinates.
 
     tri      (n + m,) int32         triangle of each element; for a texel with pieces, that of its representative point
     weight   (3, 2, n + m) float32  weights of the triangle's corners 1 and 2: at the element's origin, and the increments along its axes
-    part     (n,) int64             number of a texel with pieces; -1 of one with a square
+    part     (n,) int64             number of a texel among those with pieces; -1 for one with a square
     first    (p + 1,) int64         pieces of part i are first[i]:first[i + 1], counted from the first piece
-    after    (m,) float64           i plus the cumulative share of part i up to and including the piece
+    after    (m,) float64           for a piece of part i: i plus the cumulative area share up to and including the piece
     """
 
     tri: Int32
@@ -33,7 +33,7 @@ class TexelLooks:
 
     @classmethod
     def of_squares(cls, tri: IntArray, weight: FloatArray) -> TexelLooks:
-        """Footprints that are all squares; arguments as the fields."""
+        """Footprints that are all squares; arguments are as in the fields."""
         return cls(tri.astype(np.int32), weight.astype(np.float32), np.full(len(tri), -1), np.zeros(1, np.int64), np.zeros(0))
 
     def with_pieces(self, rows: IntArray, owner: Int64, tri: IntArray, weight: FloatArray, share: Float64) -> TexelLooks:
@@ -61,7 +61,7 @@ class TexelLooks:
         point   (k, m, 2) float in [0, 1)
         out     (k, m) int64 element, and (k, m) float64 twice: coordinates along its axes
         """
-        # Cumulative shares rise by one from part to part, so that one search serves all of them.
+        # `after` rises by one from part to part, so one search finds the pieces of all parts.
         target = point[..., 0] + part
         piece = np.clip(np.searchsorted(self.after, target, side="right"), self.first[part], self.first[part + 1] - 1)
         before = (piece > 0) * self.after[piece - 1]
@@ -86,7 +86,7 @@ class TexelLooks:
         return tri, np.moveaxis(weight, 0, -1)
 
     def _interpolate(self, element: Int64, a: Float64, b: Float64) -> NDArray[np.float32]:
-        """(2, k, m) float32: weights at places of elements (1 or k, m); rows, since interpolation reads each by itself."""
+        """(2, k, m) float32: weights of corners 1 and 2 at coordinates a, b (k, m) of elements (1 or k, m)."""
         origin, along_a, along_b = self.weight[:, :, element]
         out: NDArray[np.float32] = (origin + a * along_a + b * along_b).astype(np.float32)
         return out

@@ -21,9 +21,9 @@ _EVEN_BITS = 0x15555555  # of x in a Morton code
 
 @dataclass(frozen=True)
 class TexelGrid:
-    """Row 0 is for triangles without texels: one empty cell. The rows of a chart follow each other upwards.
+    """Rows of cells. Row 0 has one empty cell, for triangles without texels; the rows of a chart follow each other upwards.
 
-    tri_row     (n_tri + 1, 3) int32   first row, last row, row of y = 0; the last triangle is "none"
+    tri_row     (n_tri + 1, 3) int32   first row, last row, row of y = 0; the last entry stands for no triangle
     row_cell    (n_row, 3) int64       first x, last x, cell of x = 0
     row_chart   (n_row,) int32
     row_y       (n_row,) int32
@@ -104,7 +104,7 @@ def _extend_to_neighbours(bound: Int64, row_chart: Int32, pick: np.ufunc) -> Int
 
 
 def fill_border(grid: TexelGrid, say: Say = lambda share: None) -> None:
-    """Gives empty cells next to filled ones the entry of the nearest, ring by ring, in place; reports the share that is done."""
+    """Give empty cells next to filled ones the entry of the nearest, ring by ring, in place; `say` receives the finished share."""
     start, width = grid.cells_of_rows()
     for ring in range(_BORDER):
         cell = np.flatnonzero(grid.cell_entry < 0)
@@ -156,7 +156,7 @@ def _join_bits(spread: Int64) -> Int64:
 def step_codes(code: Int64, right: int, up: int) -> Int64:
     """Morton codes (n,) of texels offset by columns and rows from those of codes (n,), of 14 bits each.
 
-    Beyond the lower and left edge of a root they are codes that no texel has, beyond the others such of a larger root.
+    Beyond the lower and left edges of a root the results are codes that no texel has; beyond the others, codes of a larger root.
     Source: Schrack 1992, "Finding neighbors of equal size in linear quadtrees and octrees in constant time".
     """
     out = np.zeros_like(code)

@@ -1,4 +1,4 @@
-"""The covered texels of all charts: moments over ranges of them, texel -> points on triangles, hit -> texel."""
+"""The covered texels of all charts: their moments, points of a texel on triangles, and the texel of a hit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .texel_moments import EvenSquares, PartMoments
 
 CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28
 LOOK = 0.5  # side of a texel's footprint, a square around its centre
-_EVEN = 1e-3  # relative difference of areas up to which a texel of several triangles is as even as one of one
+_EVEN = 1e-3  # relative difference of densities up to which a texel of several triangles counts as evenly covered
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class TexelMap:
     texel_area     (n,) float64, m^2        world area of the chart inside the texel
     texel_tri      (n,) int32               triangle of the representative point
     grid           lookup of entries by triangle and texel
-    tri_uv         (n_tri + 1, 3, 2) float64   page texels; the last is for "no triangle"
+    tri_uv         (n_tri + 1, 3, 2) float64   page texels; the last stands for no triangle
     tri_density    (n_tri,) float64         m^2 per texel^2
     part_entry     (n_part,) int64          entries that are not wholly inside their triangles, ascending
-    part_point     (n_part, 2) float64      their representative points, texels from the texel's centre: the centre itself if covered
+    part_point     (n_part, 2) float64      their representative points, texels from the texel's centre; 0 if the centre is covered
     part_moments   (n_part, M) float64, m^2 their moments about the texel's centre, in texels, less those of a full texel of equal area
     pair_start     (n_part + 1,) int64      pairs of part i are pair_start[i]:pair_start[i + 1]
     pair_tri       (n_pair,) int32          triangles with a share in the part
-    borders        of texels that another surface crosses
+    borders        borders of texels that another surface divides
     """
 
     page_size: int
@@ -80,31 +80,31 @@ class TexelMap:
 
     @property
     def texel_bary(self) -> NDArray[np.float32]:
-        """(n, 3) float32: corner weights of a point inside the covered part, on texel_tri; `bary_at` gives some of them."""
+        """(n, 3) float32: corner weights on texel_tri of each entry's representative point, which is covered."""
         return self.bary_at(np.arange(len(self)))
 
     def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
-        """texel_bary of these entries, (m,) int; a view of (3, m) rows."""
+        """texel_bary at entries (m,) int; a view of (3, m) rows."""
         u, v = self._corner_weights(self.texel_tri[entry], *self.own_points_at(entry))
         bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v]).astype(np.float32).T
         return bary
 
     def own_points(self, start: int, stop: int) -> Float64:
-        """(2, stop - start) float64, page texels: x and y of the points of texel_bary of the entries start ... stop - 1."""
+        """(2, stop - start) float64, page texels: x and y of the representative points of entries start ... stop - 1."""
         point = np.add(self.texel_xy[start:stop].T, 0.5, order="C")
         parts = slice(*np.searchsorted(self.part_entry, (start, stop)))
         point[:, self.part_entry[parts] - start] += self.part_point[parts].T
         return point
 
     def own_points_at(self, entry: IntArray) -> Float64:
-        """The same of these entries (m,): (2, m)."""
+        """(2, m) float64: own_points at entries (m,)."""
         rows, part = self._find_parts(entry)
         point = np.add(self.texel_xy[entry].T, 0.5, order="C")
         point[:, rows] += self.part_point[part].T
         return point
 
     def _find_parts(self, entry: IntArray) -> tuple[Int64, Int64]:
-        """Rows (k,) of those of entries (m,) that are covered in part, and their rows (k,) of the part_ fields."""
+        """Which of entries (m,) are covered in part: (k,) int64 of them, and (k,) int64 rows of the part_ fields."""
         rows = np.flatnonzero(self.is_part.take(entry))
         return rows, np.searchsorted(self.part_entry, entry[rows])
 
@@ -131,12 +131,12 @@ class TexelMap:
     def entry_at(self) -> Int32:
         """(page_count, size, size) int32: the entry that a page shows at each texel, -1 where no chart covers it.
 
-        That is the one that holds the texel's centre, where image filters sample it; of several such, or if there is none, the largest.
+        This is the entry that covers the texel's centre, where image filters sample it; if several do, or none does, the largest one.
         """
         entry_at = np.full(self.page_count * self.page_size**2, -1, np.int32)
         for entry in self._parts():
             entry_at[self._find_cells(entry)] = entry
-        if not self._has_room_for_all(entry_at):  # as is rare: charts meet along a crease, or a layer overlaps itself
+        if not self._has_room_for_all(entry_at):  # rare: charts meet along a crease, or a layer overlaps itself
             hidden = [cell[entry_at[cell] != entry] for entry in self._parts() for cell in [self._find_cells(entry)]]
             shared = np.zeros(len(entry_at), bool)
             shared[np.concatenate(hidden)] = True
@@ -148,25 +148,25 @@ class TexelMap:
 
     @cached_property
     def shown(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether the page shows the entry at its texel, see entry_at."""
+        """(n,) bool: whether the page shows the entry, see entry_at."""
         if self._has_room_for_all(self.entry_at):
             return np.ones(len(self), bool)
         parts = (self.entry_at.ravel()[self._find_cells(entry)] == entry for entry in self._parts())
         return np.concatenate([np.zeros(0, bool), *parts])
 
     def _has_room_for_all(self, entry_at: Int32) -> bool:
-        """Whether no two entries lie at one texel of a page."""
+        """Whether no two entries share a texel of a page."""
         return np.count_nonzero(entry_at >= 0) == len(self)
 
     def list_keys(self, entry: IntArray | slice) -> Int64:
-        """(m,) int64: chart and Morton code of entries (m,); they ascend as the entries do."""
+        """(m,) int64: chart and Morton code of entries (m,), in one number that ascends with the entries."""
         keys = self.texel_chart[entry].astype(np.int64)
         keys <<= CHART_SHIFT
         keys |= self.texel_code[entry]
         return keys
 
     def are_covered(self) -> NDArray[np.bool_]:
-        """(n,) bool: entries that their chart covers in full and evenly, be it by several triangles."""
+        """(n,) bool: entries that their chart covers in full and evenly, by one triangle or several."""
         covered = np.ones(len(self), bool)
         first, tri = self.part_entry, self.pair_tri[self.pair_start[0] : self.pair_start[-1]]
         density = self.tri_density[self.texel_tri[first]]
@@ -182,7 +182,7 @@ class TexelMap:
         return (np.arange(start, min(start + CHUNK_SIZE, len(self))) for start in range(0, len(self), CHUNK_SIZE))
 
     def _find_cells(self, entry: Int64) -> Int64:
-        """(m,) int64: places of entries (m,), ascending, among the texels of all pages."""
+        """(m,) int64: flat indices of entries (m,), ascending, among the texels of all pages."""
         rows = as_slice(entry)
         x, y = self.texel_xy[rows].T
         cell: Int64 = y.astype(np.int64)
@@ -215,16 +215,15 @@ class TexelMap:
         return x, y
 
     def entry_of(self, tri: IntArray, x: FloatArray, y: FloatArray) -> Int32:
-        """Entries that hits belong to; -1 for a miss and where the triangle has no texels.
+        """(m,) int32: entries that hits belong to; -1 for a miss and where the triangle has no texels.
 
-        tri   (m,) int      -1 is a miss
+        tri   (m,) int      -1 for a miss
         x, y  (m,) float    page texel coordinates
-        out   (m,) int32
         """
         return self.grid.find(tri, x, y)
 
     def owner_of(self, entry: Int32, x: FloatArray, y: FloatArray) -> Int32:
-        """The entries (m,) to which hits in texel entries (m,), none of them -1, belong: beyond a dividing surface, the entry there.
+        """(m,) int32: entries that own hits in texels entry (m,) >= 0: beyond a dividing surface, the entry on the other side.
 
         x, y   (m,) float, page texel coordinates
         """
@@ -261,11 +260,11 @@ class TexelMap:
         """Footprints of texels, uniform in world area.
 
         Image filters sample a texel at its centre. Its footprint is the square of half its side around the centre, on the triangle there,
-        as in Cycles' bake of Blender 5.0 (measured); if no triangle covers the centre, the footprint is what is covered.
+        as in Cycles' bake of Blender 5.0 (measured); if no triangle covers the centre, the footprint is the texel's covered part.
 
         entry    (m,) int
-        look     side of that square, texels; 1 for all that is covered
-        middle   of the square, texels from the texel's lower left corner: 0.5 but for texels that are not covered in part
+        look     side of that square, texels; 1 for the whole covered part
+        middle   centre of the square, texels from the texel's lower left corner; another than 0.5 only for wholly covered texels
         """
         tri = self.texel_tri[entry]
         x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
@@ -283,10 +282,10 @@ class TexelMap:
         return self._clip_looks(squares, rows[clipped], part[clipped], look) if clipped.any() else squares
 
     def _clip_looks(self, squares: TexelLooks, rows: Int64, part: Int64, look: float) -> TexelLooks:
-        """The footprints with covered pieces in place of the squares in `rows` (p,), which are these parts (p,)."""
+        """The footprints with covered pieces instead of the squares in rows (p,); part (p,) are their rows of the part_ fields."""
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
         central = ~self.part_point[part].any(axis=1)
-        if look < 1.0:  # light differs across a crease: only the centre's triangle counts, as in Cycles
+        if look < 1.0:  # light differs across a crease, so only the triangle at the centre counts, as in Cycles
             counts = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
             owner, pair = owner[counts], pair[counts]
         tri, xy = self.pair_tri[pair], self.texel_xy[self.part_entry[part[owner]]]
@@ -299,7 +298,7 @@ class TexelMap:
         return squares.with_pieces(rows[covered], owner, tri, weight, pieces.area * self.tri_density[tri])
 
     def _corner_weights(self, tri: Int32, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-        """Weights of corners 1 and 2 at page texel coordinates x, y (..., m), brought inside the triangles (m,) or (..., m)."""
+        """Weights of corners 1 and 2 at page texel coordinates x, y (..., m), clamped to the triangles (m,) or (..., m)."""
         x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
         x, y = x - x_0, y - y_0
         u = np.clip((x * y_2 - y * x_2) / double_area, 0.0, 1.0)

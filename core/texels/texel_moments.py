@@ -1,4 +1,4 @@
-"""Moments of the covered texels over ranges of them: squares over which the surface is even count as one texel."""
+"""Moments over ranges of texel entries; a square of texels with equal areas is integrated as one."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _SQUARE = _SIDE**2
 
 @dataclass(frozen=True)
 class EvenSquares:
-    """Squares of texels of equal area, none of them covered in part by a triangle; and the texels that are in none.
+    """A partition of the entries into squares of wholly covered texels with equal areas, and single texels.
 
     texel_xy     (n, 2) int32            page texel
     texel_area   (n,) float64, m^2
     first        (m,) int64, ascending   first texel entry of each; the others of a square follow, in Morton order
-    side         (m,) int32, texels      1 of texels by themselves
+    side         (m,) int32, texels      1 for single texels
     """
 
     texel_xy: Int32
@@ -32,7 +32,7 @@ class EvenSquares:
 
     @classmethod
     def of(cls, chart: Int32, code: Int32, xy: Int32, area: Float64, part_entry: Int64) -> EvenSquares:
-        """Arguments as the fields of TexelMap."""
+        """Arguments are as the fields of TexelMap."""
         square = _find_even(chart, code, area, part_entry)
         leads = np.ones(len(code), bool)
         for start in range(0, len(square), CHUNK_SIZE // _SQUARE):
@@ -48,11 +48,11 @@ class EvenSquares:
         ends = np.append(self.first, len(self.texel_area))
         first, last = np.searchsorted(self.first, start), np.searchsorted(self.first, end)
         whole = self._find_sides(start, end)
-        one = np.flatnonzero(whole)  # most of the nodes of a large page
+        one = np.flatnonzero(whole)  # these are most nodes of a large page
         terms = _square_moments(self.texel_xy[start[one]].T, whole[one], centre[one].T, 1.0 / half[one], degree)
         for row, term in zip(moments, terms, strict=True):
             row[one] = self.texel_area[start[one]] * whole[one] ** 2 * term
-        ends_whole = (ends[first] == start) & (ends[last] == end)  # the others begin or end within a square
+        ends_whole = (ends[first] == start) & (ends[last] == end)  # other ranges begin or end within a square
         for rows, from_texels in ((np.flatnonzero(ends_whole & (whole == 0)), False), (np.flatnonzero(~ends_whole & (whole == 0)), True)):
             lines = start[rows] if from_texels else first[rows], end[rows] if from_texels else last[rows]
             for some, begin, stop in chunk_ranges(*lines):
@@ -68,14 +68,14 @@ class EvenSquares:
         return moments
 
     def _find_sides(self, start: IntArray, end: IntArray) -> Int64:
-        """(k,) int64, texels: side of the square that a range of entries is, within one of these or all of it; 0 of other ranges."""
+        """(k,) int64, texels: sides of ranges of entries that form a square of equal areas; 0 for other ranges."""
         count = np.maximum(end - start, 0)
         side: Int64 = np.rint(np.sqrt(count)).astype(np.int64)
         if not len(self.first):
             return side
         holder = np.searchsorted(self.first, start, side="right") - 1
         is_square = (side * side == count) & (self.side[holder] % np.maximum(side, 1) == 0)
-        is_square &= (start - self.first[holder]) % np.maximum(count, 1) == 0  # in Morton order it begins at a multiple of its texels
+        is_square &= (start - self.first[holder]) % np.maximum(count, 1) == 0  # where squares of `count` texels start in Morton order
         return np.where(is_square, side, 0)
 
 
@@ -131,7 +131,7 @@ class PartMoments:
 
 
 def _texel_means(offset: FloatArray, size: FloatArray, degree: int) -> list[FloatArray]:
-    """Means of s^0 ... s^degree over a square of side `size` about `offset`."""
+    """Means of s^0 ... s^degree over an interval of length `size` about `offset`."""
     power = powers(offset, degree)
     square = size * size
     if degree >= 2:

@@ -30,7 +30,7 @@ MEASURING = Status("texels", "Measuring texels")
 _SLIVER = 1e-11  # share of a texel, or of a smaller triangle, below which a clipped part is rounding noise
 _MIN_UV_AREA = 1e-18  # texels^2; below it a triangle has no texels
 _EDGE = 1e-6  # texels from a triangle's edge up to which a centre lies on it
-_ON_EDGE = 1e30  # makes a piece with the centre on its edge larger than any without, of several such the largest
+_ON_EDGE = 1e30  # factor that ranks pieces with the centre on their edge above all others, by area among themselves
 _SQUARE_LOG2 = 5  # log2 of the side, texels, of squares processed together
 _SLOTS = 1 << 16  # texels at a time: the intermediate arrays fit the cache
 _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
@@ -39,8 +39,8 @@ _PAGE_TOLERANCE = 1e-3  # texels that rounding may carry a chart beyond its page
 def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, room: Room = IN_MEMORY, watch: Watch = unwatched) -> TexelMap:
     """Covered area and moments up to `degree` (0, 2 or 4) of every texel of every chart.
 
-    room    for its large arrays
-    watch   receives MEASURING and the share of the work that is done; it may raise
+    room    where its large arrays are allocated
+    watch   receives MEASURING and the finished share of the work; it may raise
     The areas of a triangle's texels sum to its world area to rounding. Triangles without area in UV have no texels.
     Raises ValueError for another degree and for charts outside their page.
     """
@@ -60,7 +60,7 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, roo
     covered = np.zeros(len(uv))
     covered += np.bincount(spans.tri, spans.full_end - spans.full_start, minlength=len(uv))
     covered += np.bincount(pairs.tri, pairs.area, minlength=len(uv))
-    # Not the world area over the area in UV: a needle's clipped parts are rounded more than its whole.
+    # Not divided by the area in UV: a needle's clipped parts, whose areas are multiplied by this, are rounded more than its whole.
     density = np.divide(world_area, covered, out=np.zeros_like(covered), where=covered > 0.0)
     by_area = np.argsort(pairs.best_area * density[pairs.tri])  # of several assignments to one place the last, the largest, stays
     entries = _collect_entries(density, spans, grid, pairs, by_area, len(atlas.chart_page), room, stretch(watch, MEASURING, 0.7, 0.8))
@@ -82,14 +82,14 @@ def build_texel_map(snapshot: SceneSnapshot, atlas: ChartAtlas, degree: int, roo
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Triangles and the texels that they cover in part.
+    """Pairs of a triangle and a texel that it covers in part.
 
     tri         (n,) int32
     cell        (n,) int64         cell of the grid
     area        (n,) float64       texels^2
     excess      (M, n) float64     moments about the texel's centre, texels^2, less those of a full texel of the same area
-    best_area   (n,) float64       texels^2, of the largest piece; infinite where the texel's centre is inside, huge on the edge
-    best_point  (2, n) float64     its centroid, texels from the texel's centre; 0 where that is inside
+    best_area   (n,) float64       area of the largest piece, texels^2; infinite if it contains the texel's centre, huge if on its edge
+    best_point  (2, n) float64     centroid of that piece, texels from the texel's centre; 0 if it contains the centre
     """
 
     tri: Int32
@@ -101,7 +101,7 @@ class _Pairs:
 
 
 def _measure_pairs(uv: Float64, spans: RowSpans, grid: TexelGrid, degree: int, say: Say) -> _Pairs:
-    # Left and right of the wholly covered texels of each row; one span where there are none.
+    # In each row the partly covered texels lie left and right of the wholly covered ones; without such they are one span.
     start = np.stack([spans.touched_start, spans.full_end], axis=1).ravel()
     end = np.stack([spans.full_start, spans.touched_end], axis=1).ravel()
     least_area, sides = _SLIVER * np.minimum(1.0, np.abs(signed_areas(uv))), _list_sides(uv)
@@ -138,7 +138,7 @@ def _join_pairs(parts: list[_Pairs], say: Say) -> _Pairs:
     for name in names:
         rows = [getattr(part, name) for part in parts]
         out = np.empty((*rows[0].shape[:-1], count), rows[0].dtype)
-        for k in np.ndindex(out.shape[:-1]):  # one at a time, for there is much to do between two words
+        for k in np.ndindex(out.shape[:-1]):  # one row at a time, so that progress is reported often
             say(len(joined) / len(names))
             np.concatenate([row[k] for row in rows], out=out[k])
         joined.append(out)
@@ -146,14 +146,14 @@ def _join_pairs(parts: list[_Pairs], say: Say) -> _Pairs:
 
 
 def _list_sides(uv: Float64) -> Float64:
-    """(3, 5, n_tri) float64: for each side of triangles (n_tri, 3, 2) x and y where it starts, how far it goes along both, its length."""
+    """(3, 5, n_tri) float64: for each side of triangles (n_tri, 3, 2), x and y of its start, x and y of its vector, and its length."""
     edge = np.roll(uv, -1, axis=1) - uv
     length = np.maximum(np.linalg.norm(edge, axis=2), _MIN_UV_AREA)
     return np.ascontiguousarray(np.concatenate([uv, edge, length[..., None]], axis=2).transpose(1, 2, 0))
 
 
 def _centre_depth(sides: Float64, tri: Int32, x: Float64, y: Float64) -> Float64:
-    """(n,) float64, texels: how far inside triangles (n,) of these sides the centres x, y (n,) of texels lie; below 0 outside."""
+    """(n,) float64, texels: depth of points x, y (n,) inside triangles (n,), whose sides are from _list_sides; negative outside."""
     least, greatest = np.full(len(tri), np.inf), np.full(len(tri), -np.inf)
     for start_x, start_y, edge_x, edge_y, length in gather(sides, tri):
         distance = (edge_x * (y - start_y) - edge_y * (x - start_x)) / length  # from the side's line, signed by orientation
@@ -236,16 +236,16 @@ def _find_extents(spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int,
 
 
 def _walk_squares(low: Int32, high: Int32, log2: Int32, filled: NDArray[np.bool_]) -> Iterator[tuple[Int32, Int32, Int32, Int64]]:
-    """Charts, page texels x, y and Morton codes of all slots of the charts' roots where there may be texels, some at a time, in order.
+    """Chunks of all slots of the charts' roots that may hold texels, in order: charts, page texels x and y, and Morton codes.
 
-    low, high   (n_chart, 2) int32, of _find_extents
-    log2        (n_chart,) int32, of the roots' sides
+    low, high   (n_chart, 2) int32, from _find_extents
+    log2        (n_chart,) int32, log2 of the roots' sides
     """
     side_log2 = np.minimum(log2, _SQUARE_LOG2)
     count = np.where(filled, 1 << 2 * (log2 - side_log2).astype(np.int64), 0)
     chart, square = expand_ranges(np.zeros_like(count), count)
     x, y = (part << side_log2[chart] for part in part_bits(square))
-    room = (high - low).astype(np.int64)[chart] - np.stack([x, y], axis=1)  # texels from a square's first to the last that may be covered
+    room = (high - low).astype(np.int64)[chart] - np.stack([x, y], axis=1)  # from a square's first texel to the chart's last
     reached = (room >= 0).all(axis=1)
     chart, square, x, y, room = chart[reached].astype(np.int32), square[reached], x[reached], y[reached], room[reached]
     is_whole = (room >= (1 << side_log2[chart])[:, None] - 1).all(axis=1)

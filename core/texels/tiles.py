@@ -1,4 +1,4 @@
-"""Tiles, squares of covered texels, within which slowly changing light can be interpolated from few texels."""
+"""Tiles are squares of 8 x 8 covered texels, within which slowly varying light can be interpolated from few of them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .texel_grid import interleave_bits, part_bits
 _SIDE_BITS = 3
 TILE_SIDE = 1 << _SIDE_BITS
 TILE_TEXELS = TILE_SIDE**2
-TILE_LINES = (0, 3, 7)  # columns and rows of a tile at whose crossings are the nodes of the interpolation
-_PLACE_BITS = 14  # of a tile's column or row in a page
+TILE_LINES = (0, 3, 7)  # columns and rows of a tile; the nodes of the interpolation are where they cross
+_PLACE_BITS = 14  # bits of a tile's column or row in a page
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def find_residual2(value: Float64) -> Float64:
 
 
 def _node_weights() -> Float64:
-    """(64, 9) float64: weight of each of TILE_NODES at each texel of a tile, in Morton order: Lagrange's polynomials."""
+    """(64, 9) float64: weights of TILE_NODES at the texels of a tile, in Morton order, by Lagrange polynomials."""
     x, y = part_bits(np.arange(TILE_TEXELS))
     along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in TILE_LINES if b != a], axis=0) for a in TILE_LINES], axis=1)
     out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
@@ -108,7 +108,7 @@ def _node_weights() -> Float64:
 
 
 def _find_surfaces() -> Float64:
-    """(64, 6) float64: the polynomials of degree 2 at the texels of a tile, in Morton order; orthonormal."""
+    """(64, 6) float64: an orthonormal basis of the polynomials of degree 2 at the texels of a tile, in Morton order."""
     x, y = (place / (TILE_SIDE - 1) - 0.5 for place in part_bits(np.arange(TILE_TEXELS)))
     out: Float64 = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))[0]
     out.flags.writeable = False
@@ -116,7 +116,7 @@ def _find_surfaces() -> Float64:
 
 
 def _texels_at(x: IntArray, y: IntArray) -> Int64:
-    """(n,) int64: places in a tile's Morton order of its columns x and rows y."""
+    """(n,) int64: indices in a tile's Morton order of the texels in columns x and rows y."""
     out = interleave_bits(x, y)
     out.flags.writeable = False
     return out

@@ -24,8 +24,9 @@ class Strips:
     entry_at         (h, w) int32, -1 where no chart covers the texel
     halo             texels
     wanted           (h, w2) bool: texels to process; w2 >= w is a multiple of a strip's width
-    left, low        (m,) int64: the corner of each strip within its halo
-    height           (m,) int64: of each strip; width is that of all; both include the halo
+    left, low        (m,) int64: lower left corner of each strip, without its halo
+    height           (m,) int64: height of each strip, with its halo
+    width            width of all strips, with their halos
     """
 
     entry_at: NDArray[np.int32]
@@ -46,14 +47,14 @@ class Strips:
         halo: int,
         may: NDArray[np.bool_] | None = None,
     ) -> Strips:
-        """Texels within the window of a grainy one. Their own variance may be small by chance, but the filter must be symmetric to preserve
-        energy: a texel that contributes to the grainy one must receive its share of it.
+        """Strips around all texels within the windows of grainy ones. Those may have a small variance by chance, but the filter must be
+        symmetric to preserve energy: a texel that contributes to a grainy one must receive its share of it.
 
         grainy   (m,) int64: entries of the page
         xy       (m, 2) int: their columns and rows in entry_at
-        radius   texels, of a window
-        halo     width of the border around a strip, texels, that its filter reads
-        may      (n,) bool: entries that are worked on if they are near; None is all
+        radius   of a window, texels
+        halo     width of the border around a strip that its filter reads, texels
+        may      (n,) bool: entries that may be processed; None for all
         """
         (x, y), (height, width) = xy.T, entry_at.shape
         shown = entry_at[y, x] == grainy
@@ -74,7 +75,7 @@ class Strips:
         return np.split(np.arange(len(self.height)), np.flatnonzero(np.diff(together)) + 1) if len(together) else []
 
     def stack(self, some: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """Entries of some strips above each other, and what of them is wanted, without a halo around all."""
+        """Entries of some strips stacked in one image, and which of them are wanted; the latter without the stack's own halo."""
         (rows, columns), halo = self.entry_at.shape, self.halo
         height = self.height[some]
         owner, step = expand_ranges(np.zeros_like(height), height)
@@ -89,10 +90,10 @@ class Strips:
 
 
 def _find_strips(wanted: NDArray[np.bool_], width: int, halo: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Left and low ends of strips, and heights with a halo: all that is wanted (h, w) lies in one."""
+    """Strips that contain all wanted (h, w) texels: their left and low corners, and their heights with halos."""
     eight = wanted.view(np.uint64) != 0  # eight texels at once
     strip, row = np.nonzero(eight.reshape(len(wanted), -1, width // 8).any(axis=2).T)
-    # Rows that are apart by less than two halos are cheaper in one strip.
+    # Rows less than two halos apart are cheaper in one strip.
     apart = (np.diff(strip) > 0) | (np.diff(row) > 2 * halo) | (np.diff(row // _HEIGHT) > 0)
     first = np.flatnonzero(np.append(True, apart)[: len(row)])
     last = np.append(first[1:], len(row))[: len(first)] - 1
@@ -100,9 +101,9 @@ def _find_strips(wanted: NDArray[np.bool_], width: int, halo: int) -> tuple[NDAr
 
 
 def _widen(image: NDArray[np.bool_], radius: int) -> None:
-    """Sets what lies within a square of side 2 * radius + 1 about what is set."""
+    """Dilate the image by a square of side 2 * radius + 1, in place."""
     for axis in (0, 1):
-        narrow = image.copy()  # of both in the order in which they lie: along columns that is twenty times as fast
+        narrow = image.copy()  # shifting whole slices in memory order is twenty times as fast along columns
         for step in range(1, radius + 1):
             ahead, behind = ((slice(None),) * axis + (part,) for part in (slice(step, None), slice(None, -step)))
             image[ahead] |= narrow[behind]
