@@ -1,4 +1,4 @@
-"""A whole bake without Blender: a folder with a snapshot and a job goes in, image files and a result come out (see job)."""
+"""A whole bake without Blender, from a folder with a snapshot and a job to image files and a result (see util.job)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,8 @@ from ..util.messages import Done, Message, Status, Warning_
 from ..util.progress import Interrupted
 from ..util.settings import DEBUG_PASSES, Settings
 from . import bake_cache, checkpoint, earlier_bakes, solve, tasks
-from .dark_objects import name_dark
 from .deadline import Deadline
-from .find_light import FoundLight, Loaded, find_light, resolve_light
+from .find_light import FoundLight, Loaded, find_light, name_dark, resolve_light
 from .run import Run
 from .work_plan import count_skipped
 
@@ -43,9 +42,9 @@ def run_bake(
     """Bake the job in `folder`; the last message is Done.
 
     tell            receives every message
-    should_stop     polled after every round and while rays are sent from texels: the best light so far is then written. Also polled during
-                    unwrapping, measuring of texels and the search for contacts, before there is any light: then nothing is written
-    open_executor   makes the executor of the shards, which is shut down at the end
+    should_stop     polled after every round and while rays are sent from texels: once it is true, the best light so far is written. Also
+                    polled during unwrapping, measuring of texels and the search for contacts: then there is no light and nothing is written
+    open_executor   makes the executor of the shards; it is shut down at the end
     Raises ValueError or OSError with a sentence for the user; no image is then left half-written.
     """
     job = Job.load(folder)
@@ -80,7 +79,7 @@ def _describe_late(run: Run) -> str:
 def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     """Find the light and write its images and the result.
 
-    Raises Interrupted where the bake was stopped before there was any.
+    Raises Interrupted if the bake was stopped before there was any light.
     """
     job, folder, snapshot, needs = run.job, run.folder, loaded.snapshot, loaded.needs
     found = find_light(run, loaded, executor)
@@ -89,7 +88,7 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     with run.stage(_WRITING):
         files, spare, seam_report = _write_pages(run, snapshot, found, loaded.surfaces, executor)
     stateless = False
-    if job.keep:  # last, so that a bake killed while it writes leaves the earlier state as it was
+    if job.keep:  # after the images, so that a bake killed while it writes them leaves the earlier state as it was
         with run.stage(_KEEPING):
             stateless = _keep_state(job, None if found.is_hurried else found.solver, light.error, run.tell)
     result = {
@@ -110,7 +109,7 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     }
     left_over = earlier_bakes.find_left_over(job, files, atlas.page_count)
     for text in earlier_bakes.describe_left_over(job, left_over):
-        run.tell(Warning_("", text))  # not part of the note, for they may be gone when the bake is reused
+        run.tell(Warning_("", text))  # not part of the note, since the files may be gone when the bake is reused
     # A bake is not noted where Blender still has to apply the view transform, whose settings are not part of the job.
     if light.stopped_by != "interrupted" and not spare and not any(file.linear for file in files):
         try:
@@ -131,9 +130,9 @@ def _open_output(folder: Path) -> None:
 
 
 def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Callable[[Message], None]) -> bool:
-    """Keep the solver's state; returns whether the bake has none to keep, now and when repeated; False where the disk is full.
+    """Keep the solver's state. Returns whether the bake has none to keep and would have none if repeated; False if the disk is full.
 
-    solver   None where the bake stopped before it had a state, or needs none; an earlier state is removed, for it does not fit the images
+    solver   None if the bake stopped before it had a state, or needs none; an earlier state, which does not fit the images, is removed
     """
     try:
         if solver is None:
@@ -149,7 +148,7 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 def _write_pages(
     run: Run, snapshot: SceneSnapshot, found: FoundLight, surfaces: SurfaceMaterials, executor: Executor
 ) -> tuple[list[pages.PageFile], str, seams.SeamReport]:
-    """The files, the spare folder where the output folder failed or "", and a report on seams."""
+    """Write the images: returns their files, the spare folder if the output folder failed, else "", and a report on seams."""
     job, margin, atlas, texel_map = run.job, run.job.settings.margin, found.atlas, found.receivers.texels
     limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
     resolver, seam_report = resolve_light(found, snapshot, surfaces, job.settings, limited, spend=not job.keep)

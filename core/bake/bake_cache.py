@@ -1,6 +1,6 @@
-"""A bake that is kept: what a finished one notes beside its images, so that the same bake need not be done again.
+"""Notes of finished bakes beside their images, so that the same bake need not be done again.
 
-The note is a hidden .npz in the folder of the images: the arrays of the layout file, and a JSON header.
+A note is a hidden .npz in the folder of the images: the arrays of the layout file, and a JSON header.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _HEADER = "header"
 class KeptBake:
     """A bake whose images are still as they were written.
 
-    result     of the bake, the files where they are now
+    result     result of the bake, with the present paths of its files
     warnings   (subject, sentence) of the core
     layout     arrays of the layout file
-    stateless  a state was asked for, and the bake has none to keep: it would have none the next time either
+    stateless  whether a state was requested but the bake had none to keep; repeated, it would have none either
     """
 
     result: dict[str, Any]
@@ -43,17 +43,17 @@ class KeptBake:
     stateless: bool = False
 
     def restore(self, folder: Path) -> None:
-        """Write into a job's folder what the bake would leave there.
+        """Write into a job's folder the files that the bake would leave there.
 
-        Raises OSError where that cannot be written.
+        Raises OSError if they cannot be written.
         """
         save_whole(folder / LAYOUT_FILE, self.layout)
         (folder / RESULT_FILE).write_text(json.dumps(self.result), encoding="utf-8")
 
 
 def find_note(job: Job) -> Path:
-    """Where the note of a job is."""
-    part = "+" if job.taken else ""  # a bake of some of the objects does not replace what is noted of the others
+    """Path of a job's note."""
+    part = "+" if job.taken else ""  # a bake of some objects does not replace the note of the others
     return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}{part}.npz"
 
 
@@ -69,8 +69,8 @@ def note_bake(
     """Note a bake whose files are written and whose layout is in `folder`.
 
     stateless   see KeptBake
-    left_over   names of an earlier bake's images that were reported, so that the next bake need not repeat it
-    Raises OSError where that cannot be written.
+    left_over   names of an earlier bake's images that were reported; the next bake does not report them again
+    Raises OSError if the note cannot be written.
     """
     files = [{**file, "path": Path(file["path"]).relative_to(job.output).as_posix()} for file in result["files"]]
     header = {
@@ -90,7 +90,7 @@ def note_bake(
 
 
 def _find_blend(job: Job) -> str:
-    """The .blend as seen from its images, so that both may be moved together; "" where there is none."""
+    """Path of the .blend relative to its images, so that both may be moved together; "" if there is none."""
     if not job.blend:
         return ""
     blend = Path(job.blend).resolve()
@@ -101,15 +101,15 @@ def _find_blend(job: Job) -> str:
 
 
 def read_header(note: Path) -> dict[str, Any] | None:
-    """Header of a note; None where it is missing or damaged."""
+    """Header of a note; None if it is missing or damaged."""
     found = _read_note(note)
     return None if found is None else found[0]
 
 
 def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
-    """The bake that this job would repeat; None where there is none, or where one of its files is missing or altered."""
+    """The noted bake that this job would repeat; None if there is none, or if one of its files is missing or altered."""
     found = _read_note(find_note(job))
-    if found is None:  # then the bake is done, which is what it would have saved
+    if found is None:  # the bake is then done again
         return None
     header, layout = found
     if header.get("bake") != hash_bake(snapshot, job) or not (is_sound(header) and fits_scene(layout, snapshot, header["result"]["pages"])):
@@ -129,7 +129,7 @@ def find_kept_bake(snapshot: SceneSnapshot, job: Job) -> KeptBake | None:
 
 
 def _read_note(note: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]] | None:
-    """Header and layout of a note, which is not trusted; None where it is missing or damaged."""
+    """Header and layout of a note, whose content is not trusted; None if it is missing or damaged."""
     try:
         arrays = load_arrays(note)
         header = parse_json(arrays.pop(_HEADER).tobytes())

@@ -1,7 +1,7 @@
-"""A bake's tallies in a folder, from which it can later continue to a smaller error.
+"""A bake's state in a folder, from which it can later continue to a smaller error.
 
-What is kept is the state after the last round, before it is refined: going on from there does what the bake would have done
-had it not stopped. It fits one scene and one method only, which are compared before.
+The state is that after the last round, before the trees are refined, so a continued bake equals one that did not stop. It fits one scene
+and one method only; both are compared before it is used.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ FORMAT = "leaflight-state"
 FORMAT_VERSION = 16
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
-# Groups of settings, and settings of other groups, in which a continued bake may differ. Where only the continued bake has a pass `direct`,
-# its shadow rays were sampled to a tolerance relative to all light.
+# Groups of settings, and single settings, in which a continued bake may differ. If only the continued bake has a pass `direct`, the
+# tolerance of its earlier shadow rays was relative to all light.
 _FREE_GROUPS = ("Output", "Quality")
 _FREE_KNOBS = ("workers", "margin")
 _EARLIER = {"even_out": False, "max_pages": 1}  # values before these settings existed; they decide the layout
@@ -49,9 +49,9 @@ class Checkpoint:
 
     energy_w        (7, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
     cell            (k,) int64: cells of sides without a lightmap that photons fell on
-    cell_flux       (2, 3, k) float64: of cell_tally.CellTally
-    guiding         of the last round, if some of its shards were not read
-    late            these, of photon_shards.PhotonShard but for their folders
+    cell_flux       (2, 3, k) float64: their flux, as in cell_tally.CellTally
+    guiding         guide of the last round, if the results of some of its shards were not added
+    late            fields of these shards, as photon_shards.PhotonShard without folders
     """
 
     tree: Quadtree
@@ -90,7 +90,7 @@ class Checkpoint:
         )
 
     def give_to(self, solver: Solver) -> None:
-        """Let a new solver of the same scene and method go on from here."""
+        """Give the state to a new solver of the same scene and method."""
         solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
         solver.births = self.births
         solver.direct, solver.round = self.direct, self.round
@@ -115,10 +115,10 @@ class Info:
 
 
 def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int = 0) -> None:
-    """Keep the state in `folder`, in place of what was kept there before.
+    """Keep the state in `folder`, where it replaces an earlier one.
 
-    most_bytes   0 is no limit
-    Raises OSError when it cannot be written, ValueError when it is larger; each with a sentence.
+    most_bytes   greatest size; 0 for no limit
+    Raises OSError if it cannot be written, ValueError if it is larger; each with a sentence.
     """
     struct = Checkpoint.of(solver)
     size = _count_bytes(struct)
@@ -140,7 +140,7 @@ def save_checkpoint(folder: Path, solver: Solver, error: float, most_bytes: int 
 
 
 def read_info(folder: Path) -> Info | None:
-    """Summary of the state in `folder`; None where there is none that this version can continue."""
+    """Summary of the state in `folder`; None if there is none that this version can continue."""
     try:
         fields: dict[str, Any] = read_json(folder / INFO_FILE)
         known = (fields.pop("format"), fields.pop("version")) == (FORMAT, FORMAT_VERSION)
@@ -163,9 +163,9 @@ def no_state_error(folder: Path) -> str:
 
 
 def find_differences(folder: Path, job_folder: Path, settings: Settings) -> list[str]:
-    """In what the bake of a state differs from a job: "scene", and knobs of the method.
+    """Names of what differs between the bake of a state and a job: "scene", and settings of the method.
 
-    Raises ValueError with a sentence where there is no state.
+    Raises ValueError with a sentence if there is no state.
     """
     info = read_info(folder)
     if info is None:
@@ -176,13 +176,13 @@ def find_differences(folder: Path, job_folder: Path, settings: Settings) -> list
 
 
 def keep_layout(folder: Path, settings: Settings) -> Settings:
-    """The settings for continuing from a state: layout settings that it lacks keep the values from before they existed."""
+    """The settings for continuing from a state: layout settings that it lacks get the values from before they existed."""
     info = read_info(folder)
     if info is None:
         return settings
     missing: dict[str, Any] = {name: value for name, value in _EARLIER.items() if name not in info.identity}
     if settings.density > 0.0:
-        missing.pop("max_pages", None)  # as many as the density takes, then and now
+        missing.pop("max_pages", None)  # the density decides on the number of pages, then and now
     return dataclasses.replace(settings, **missing)
 
 
@@ -192,9 +192,9 @@ def describe_differences(folder: Path, differing: Sequence[str]) -> str:
 
 
 def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Checkpoint:
-    """The state kept in `folder`, for the job in another.
+    """The state kept in `folder`, for the job in job_folder.
 
-    Raises ValueError with a sentence when there is none, or none of this scene and these settings.
+    Raises ValueError with a sentence if there is none, or if it does not fit the scene and the settings.
     """
     differing = find_differences(folder, job_folder, settings)
     if differing:
@@ -210,7 +210,7 @@ def load_checkpoint(folder: Path, job_folder: Path, settings: Settings) -> Check
 
 
 def remove_checkpoint(folder: Path) -> None:
-    """Delete what save_checkpoint wrote, and the folder if nothing else is in it; any other folder is left alone."""
+    """Delete what save_checkpoint wrote, and the folder if it is then empty; a folder without a state is left alone."""
     if not (folder / INFO_FILE).is_file():
         return
     (folder / INFO_FILE).unlink()
@@ -237,7 +237,7 @@ def _count_bytes(struct: Any) -> int:
 
 
 def _own_arrays(struct: Any) -> Any:
-    """The struct with arrays in memory in place of mapped files: they grow, and the files may be replaced meanwhile."""
+    """The struct with its arrays copied from mapped files into memory: arrays grow, and the files may be replaced meanwhile."""
     values = {}
     for field in dataclasses.fields(struct):
         value = getattr(struct, field.name)

@@ -13,17 +13,17 @@ from ..util.messages import Status
 from ..util.progress import Watch
 from ..util.settings import Settings
 
-# Seconds that the end of a bake takes, over those in which its texels were measured, which are as many and are known by then: writing
-# smooths them once more, draws pages and fills margins. Measured on five scenes of 512 to 1024 texels: 0.8 to 3.3, and 1.5 to 2.8; and for
-# each texel of a page, where most of it is one large chart, which is measured fast. What takes longer is left as it is.
+# Predicted times of writing (which filters the light once more, draws pages and fills margins) and of one estimate of the light, over the
+# time in which the texels were measured, which is known by then. Measured on five scenes of 512 to 1024 texels: 0.8 to 3.3, and 1.5 to 2.8.
+# Writing takes at least so many seconds for each texel of a page, since a page of one large chart is measured fast.
 _WRITE_OF_TEXELS, _LIGHT_OF_TEXELS, _WRITE_OF_PAGES_S = 2.5, 1.5, 1e-6
-_WRITE_OF_LIGHT = 2.2  # writing over one look at the light, once that is known; measured 1.2 to 2.2
-_SPARE = 1.2  # of a look: the next one may take longer
-_GRACE_SHARE, _GRACE_S = 0.1, 2.0  # by which a bake may be late to have any light at all; the greater of both
-_UNKNOWN_PHOTONS = 1 << 18  # of a round before it is known how fast they are
+_WRITE_OF_LIGHT = 2.2  # time of writing over that of an estimate of the light, once that is known; measured 1.2 to 2.2
+_SPARE = 1.2  # safety factor on the time of the last estimate: the next one may take longer
+_GRACE_SHARE, _GRACE_S = 0.1, 2.0  # a bake without any light yet may exceed the limit by the greater of both
+_UNKNOWN_PHOTONS = 1 << 18  # most photons of a round whose speed is not known yet
 _FIRST_ERROR = 0.05  # relative, of a first estimate
-_SOON = 0.1  # share of the time left after which it is clear how long a stage will take
-_LEAST_STEPS = 5  # before their mean length is used: the first results of several processes come late, and together
+_SOON = 0.1  # share of the time left after which the forecast of a stage is used
+_LEAST_STEPS = 5  # steps before their mean time is used: the first results of several processes come late, and together
 _FITS = 0.85  # share of the time left that a stage may take
 _CONTACTS = 0.25  # share of it that the search for contacts may take
 
@@ -46,7 +46,7 @@ class Deadline:
     after_s: float = 0.0
     _texels_s: float = 0.0
     _pages_s: float = 0.0
-    _light_s: float = 0.0  # the longest look at the light
+    _light_s: float = 0.0  # longest estimate of the light
     _last_s: float = 0.0
     _photons_per_s: float = 0.0
 
@@ -72,7 +72,7 @@ class Deadline:
         """Wrap `spread` so that it yields no more results once time is up."""
 
         def limited(fn: Callable[..., Any], calls: Iterable[tuple[Any, ...]]) -> Iterable[Any]:
-            answers = spread(fn, calls)  # now, so that other processes can begin
+            answers = spread(fn, calls)  # called at once, so that other processes can begin
             return _take_until(answers, is_late) if self.limit_s else answers
 
         return limited
@@ -82,7 +82,11 @@ class Deadline:
         return bool(self.limit_s) and time.monotonic() - self.began > self.limit_s + max(_GRACE_SHARE * self.limit_s, _GRACE_S)
 
     def note_texels(self, seconds: float, page_texels: int = 0, slowness: float = 1.0) -> None:
-        """Texels of pages with so many were measured in so many seconds; `slowness` of seconds over those of the processor."""
+        """Record the seconds in which the texels were measured.
+
+        page_texels   number of texels of all pages
+        slowness      wall seconds over CPU seconds
+        """
         self._texels_s, self._pages_s = seconds, _WRITE_OF_PAGES_S * page_texels * max(slowness, 1.0)
 
     def note_light(self, seconds: float) -> None:
@@ -94,7 +98,7 @@ class Deadline:
         self._photons_per_s = photons / max(seconds, 1e-6)
 
     def cap_photons(self, photons: int) -> int:
-        """Number of photons of a round that can be traced in the time left."""
+        """Number of photons of a round, at most `photons`, that can be traced in the time left."""
         if not self.limit_s:
             return photons
         if not self._photons_per_s:
@@ -102,18 +106,18 @@ class Deadline:
         return max(min(photons, int(_FITS * self.left() * self._photons_per_s)), 0)
 
     def ease(self, settings: Settings) -> Settings:
-        """Settings of a first estimate at all texels: coarse where time is limited, for the rest of it improves the worst texels."""
+        """Settings of a first estimate at all texels: coarse if time is limited, so that time remains to improve the worst texels."""
         return replace(settings, error=max(settings.error, _FIRST_ERROR)) if self.limit_s else settings
 
     def foresee(self, steps: int) -> Callable[[], bool]:
-        """A function to call after each of so many steps: whether they will not all end in the time left; once true it stays true.
+        """A function to call after each of the steps, which returns whether they will exceed the time left; once true it stays true.
 
-        Steps take as long as those after the first, which also opens the scene in the processes that trace.
+        It extrapolates the mean time of the steps after the first, which also opens the scene in the processes that trace.
         """
         began, left = time.monotonic(), self.left()
         done, first, is_late = 0, 0.0, False
 
-        def ask() -> bool:
+        def is_too_late() -> bool:
             nonlocal done, first, is_late
             done += 1
             passed = time.monotonic() - began
@@ -123,10 +127,10 @@ class Deadline:
             is_late = is_late or (bool(self.limit_s) and forecast > _FITS * left)
             return is_late
 
-        return ask
+        return is_too_late
 
     def watch_contacts(self, watch: Watch) -> Watch:
-        """A Watch that raises OutOfTime once the stage has had its share of the time left."""
+        """A Watch that raises OutOfTime once the search for contacts has used its share of the time left."""
         began, left = time.monotonic(), self.left()
 
         def say(said: Status, share: float, about: str) -> None:

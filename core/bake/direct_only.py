@@ -40,8 +40,9 @@ def settle_direct(
     should_stop: Callable[[], bool],
     deadline: Deadline | None = None,
 ) -> LightField:
-    """The light of a bake whose direct light was shot once, or is not wanted; texels of large error are sampled again.
+    """The light of a bake without photons. Shadow rays were sent from all texels once; texels of large error send more.
 
+    direct       direct light so far; empty if no light is wanted
     tri_object   (n_tri,) int: the object of each triangle
     """
     metric = ErrorMetric.of(settings.error_of, texels, tri_object)
@@ -83,9 +84,10 @@ def settle_direct(
 
 
 def _find_worst(direct: DirectField, error2: NDArray[np.float32], error: float) -> NDArray[np.intp]:
-    """Texels (m,), ascending, to sample again: by errors shared below openings, or if none is too large, by each texel's own.
+    """Texels (m,), ascending, to sample again: those that exceed the error, shared between neighbours below openings; if there are none,
+    those whose own error exceeds it.
 
-    Where no texel exceeds the error, the blur of the filter does; it shrinks with the noise, so the noisiest texels are sampled again.
+    If no texel exceeds the error but the bake does, by the blur of the filter, the noisiest texels: the blur shrinks with the noise.
 
     error2   (n,): relative, squared
     """

@@ -1,4 +1,4 @@
-"""Notes of earlier bakes beside their images: owners of images that a bake overwrites, and pages that it leaves over."""
+"""Use of earlier bakes' notes: whose images a bake would overwrite, and which old pages it leaves behind."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _NAMED = 3  # files in one line
 class NotedBake:
     """A bake that noted its images, all of them in the folder of the note.
 
-    note    the file
-    blend   the .blend that was baked, None where that is not known
-    files   name -> digest as it was written
+    note    path of the note
+    blend   the .blend that was baked, None if it is not known
+    files   name -> digest of the content as written
     """
 
     note: Path
@@ -32,7 +32,7 @@ class NotedBake:
     files: dict[str, str]
 
     def holds(self, name: str) -> bool:
-        """Whether a file is still as it was written."""
+        """Whether `name` is a file of this bake that is still as it was written."""
         path = self.note.parent / name
         try:
             return name in self.files and path.is_file() and hash_file(path) == self.files[name]
@@ -41,7 +41,7 @@ class NotedBake:
 
 
 def read_notes(folder: Path) -> list[NotedBake]:
-    """The bakes noted in a folder, less what is damaged."""
+    """The bakes noted in a folder; damaged notes are left out."""
     found = []
     for note in sorted(folder.glob(".leaflight_*.npz")):
         header = read_header(note) or {}
@@ -56,7 +56,7 @@ def read_notes(folder: Path) -> list[NotedBake]:
 
 
 def find_others(job: Job, names: Sequence[str]) -> dict[Path, list[str]]:
-    """Which of the files `names` of a job's folder are images of other .blend files that are still there, by .blend."""
+    """Those of the files `names` in a job's output folder that are images of other .blend files which still exist; by .blend."""
     others: dict[Path, list[str]] = {}
     for bake in read_notes(Path(job.output)):
         held = [name for name in names if bake.holds(name)] if _is_another(bake.blend, job) else []
@@ -70,7 +70,7 @@ def _is_another(blend: Path | None, job: Job) -> bool:
 
 
 def describe_others(job: Job, names: Sequence[str]) -> list[str]:
-    """A sentence for each of them."""
+    """A sentence for each other .blend whose images would be overwritten."""
     return [
         f"Another file's lightmaps are in this folder and would be overwritten: {name_some(held)} in {job.output}, of {blend}; "
         "choose another output folder, or bake that file again into one of its own"
@@ -79,7 +79,7 @@ def describe_others(job: Job, names: Sequence[str]) -> list[str]:
 
 
 def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list[str]:
-    """Files named like further pages of a bake, as left by one with more pages; their users are unknown."""
+    """Files named like further pages of this bake, which an earlier one with more pages left; it is unknown who uses them."""
     if not job.settings.atlas:  # an image of an object that is not baked this time is no further page
         return []
     others = [bake for bake in read_notes(Path(job.output)) if bake.note != find_note(job) or _is_another(bake.blend, job)]
@@ -90,7 +90,7 @@ def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list
 
 
 def describe_left_over(job: Job, names: Sequence[str]) -> list[str]:
-    """A sentence about these files, without those that the last bake has reported."""
+    """A sentence about the left-over files that the last bake has not reported."""
     header = read_header(find_note(job)) or {}
     noted = header.get("left_over", [])
     new = [name for name in names if name not in noted]
@@ -100,7 +100,7 @@ def describe_left_over(job: Job, names: Sequence[str]) -> list[str]:
 
 
 def _list_further(job: Job, pass_name: str, kind: str, page_count: int) -> list[str]:
-    """Files that are called like pages from `page_count` on; an earlier bake wrote them without a gap."""
+    """Existing files with the names of pages from `page_count` on, up to the first gap in their numbers."""
     names: list[str] = []
     for page in itertools.count(page_count):
         stem = fill_pattern(job.settings.name_pattern, f"{clean_name(job.atlas_name)}_{page}", pass_name, page)
@@ -112,6 +112,6 @@ def _list_further(job: Job, pass_name: str, kind: str, page_count: int) -> list[
 
 
 def name_some(names: Sequence[str]) -> str:
-    """The first of the files, and how many more there are."""
+    """The names of the first files, and the number of the others."""
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return f"{', '.join(names[:_NAMED])}{more}"

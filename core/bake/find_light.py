@@ -1,4 +1,4 @@
-"""From a job and a scene to its light on texels, before anything is written."""
+"""From a job and its scene to the light on texels; the images are written later."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ from ..integrate import texel_light
 from ..integrate.light_field import LightField
 from ..output import image_room, pages, resolve
 from ..parallel import executors
+from ..scene.dark_places import describe_dark
+from ..scene.light_probe import LightProbe
 from ..scene.materials import SurfaceMaterials, clamp_warnings
 from ..scene.pruning import prune_scene
 from ..scene.scene import SceneSnapshot
 from ..scene.sides import settle_sides
 from ..scene.snapshot import load_snapshot, save_snapshot
 from ..texels import seam_points
+from ..texels.texel_map import TexelMap
 from ..transport import traced_scene
 from ..util.job import SNAPSHOT_FILE
 from ..util.messages import Warning_
@@ -38,13 +41,16 @@ from .work_plan import WorkPlan
 
 @dataclass(frozen=True)
 class Loaded:
-    """What there is to bake.
+    """A scene, loaded and prepared.
 
-    given      the snapshot as it was exported; snapshot has the sides turned that are to be shown
-    surfaces   of what has an effect
-    left_out   of pruning.prune_scene
-    charts     of the last bake there
-    settings   of the job, without what no image shows
+    given        the snapshot as it was exported
+    snapshot     the same after sides.settle_sides, which turns faces whose back is the side to bake
+    tri_turned   (n_tri,) bool: the faces that it turned
+    surfaces     materials of the pruned scene
+    left_out     counts from pruning.prune_scene
+    needs        the light that the images need
+    charts       charts of the last bake in this folder
+    settings     those of the job, without what no image shows
     """
 
     given: SceneSnapshot
@@ -63,7 +69,7 @@ class Loaded:
         settled = settle_sides(given, run.job.settings.sides)
         run.warn(settled.warnings)
         snapshot = settled.snapshot
-        if snapshot is not given:  # the processes that trace read it there
+        if snapshot is not given:  # the tracing processes read it from the file
             save_snapshot(run.folder / SNAPSHOT_FILE, snapshot)
         pruned, left_out = prune_scene(snapshot)
         surfaces = SurfaceMaterials(pruned)
@@ -76,9 +82,9 @@ class Loaded:
 class FoundLight:
     """The light of a bake before it becomes pages.
 
-    solver       with the state to keep; None where there is none
-    settings     with which it was found
-    is_hurried   a time limit left time for one round of photons alone, which is shown as it is
+    solver       has the state to keep; None if there is none
+    settings     the settings with which the light was found
+    is_hurried   whether a time limit left time for one round of photons only, which is shown without filter
     """
 
     light: LightField
@@ -90,9 +96,9 @@ class FoundLight:
 
 
 def find_light(run: Run, loaded: Loaded, executor: Executor) -> FoundLight:
-    """Lays out charts and texels, and finds the light on them.
+    """Lay out charts and texels, and find the light on them.
 
-    Raises ValueError with a sentence where nothing can be baked, Interrupted where the bake was stopped before there was any light.
+    Raises ValueError with a sentence if nothing can be baked, Interrupted if the bake was stopped before there was any light.
     """
     job, folder, snapshot, needs, settings = run.job, run.folder, loaded.snapshot, loaded.needs, loaded.settings
     first = FirstPhotons.send(folder, settings, executor) if needs.photons and not job.resume else FirstPhotons()
@@ -103,26 +109,40 @@ def find_light(run: Run, loaded: Loaded, executor: Executor) -> FoundLight:
     executors.wake(executor)  # not before: xatlas works beside this process
     if needs.direct and isinstance(executor, executors.LocalExecutor):
         executor.on_each(traced_scene.open_ahead, str(folder))
-    # A state's texels are those of cut charts.
+    # A state has the texels of charts that are cut along contacts.
     receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
     hurried = run.deadline.is_over() and needs.photons and not job.resume
-    if hurried:  # a round of photons, shown as it is, is all there is time for
+    if hurried:  # there is time for one round of photons only
         settings, first = dataclasses.replace(settings, direct="photons", gather=False), FirstPhotons()
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
     return FoundLight(light, solver, atlas, receivers, settings, hurried)
 
 
+def name_dark(snapshot: SceneSnapshot, texels: TexelMap, light: LightField) -> list[tuple[str, str]]:
+    """(name, sentence) of each object that has texels but no light on any of them, with the reason; none if the bake was interrupted."""
+    if light.stopped_by == "interrupted":
+        return []
+    texel_object = snapshot.tri_object[texels.texel_tri]
+    is_dark = np.zeros(len(snapshot.objects), bool)
+    is_dark[texel_object] = True
+    is_dark[texel_object[light.direct.irradiance.any(axis=1)]] = False
+    lit = light.leaves[light.solution.flux[:, light.leaves].any(axis=0)]
+    is_dark[texel_object[light.tree.start[lit]]] = False
+    dark = np.flatnonzero(is_dark)
+    return describe_dark(LightProbe(snapshot), dark.tolist()) if len(dark) else []
+
+
 def resolve_light(
     found: FoundLight, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, settings: Settings, spread: Spread, spend: bool = False
 ) -> tuple[resolve.Resolver, seams.SeamReport]:
-    """What makes pages of the light, and what was done at seams.
+    """The resolver, which makes pages of the light, and a report on seams.
 
-    settings   of the job
-    spread     gives work to all processes
-    spend      as of texel_light.light_at_texels
+    settings   those of the job
+    spread     distributes work among the processes
+    spend      as for texel_light.light_at_texels
     """
     texels, margin, points = found.receivers.texels, settings.margin, None
-    if settings.seams and margin and not found.is_hurried:  # without a margin filtering reads the empty page, and no texel helps
+    if settings.seams and margin and not found.is_hurried:  # without a margin, filtering reads the empty page, whatever the texels are
         points = seam_points.find_seams(snapshot, found.atlas.tri_chart, found.atlas.tri_uv, found.atlas.object_page[snapshot.tri_object])
     doubt = "stderr" in settings.passes or (points is not None and points.place.size > 0)
     smooth, threads = settings.denoise and not found.is_hurried, executors.count_processors(settings.workers)

@@ -1,6 +1,7 @@
-"""Photons of the first rounds, traced while charts and texels are still made: as long as their place on a page is not needed, they
-need only the scene, and before a round has been read nothing guides them. Idle processes trace them, and the bytes are the same as without
-them.
+"""Photons of the first rounds, traced by idle processes while charts and texels are made.
+
+Tracing needs only the scene, since hits are found on pages later, and the first round has no guide. The result is the same to the byte as
+without tracing ahead.
 """
 
 from __future__ import annotations
@@ -15,24 +16,25 @@ from ..util.ablation import uses
 from ..util.settings import Settings
 from .photon_shards import PhotonShard, trace_ahead
 
-_HITS_FOLDER = "hits"  # and the numbers of the round and the shard
+_HITS_FOLDER = "hits"  # followed by the numbers of the round and the shard
 
 
 @dataclass(frozen=True)
 class FirstPhotons:
-    """sent   shards that are traced ahead by round and number, and a future of whether their hits are there"""
+    """sent   shards that are traced ahead, by (round, number), each with a future that tells whether its hits were kept"""
 
     sent: dict[tuple[int, int], tuple[PhotonShard, Future[bool]]] = field(default_factory=dict)
 
     @classmethod
     def send(cls, folder: Path, settings: Settings, executor: Executor) -> FirstPhotons:
-        """Has those traced that the first rounds have in any case; none where this process would do it by itself, or other machines do it.
+        """Send the shards that the first rounds have in any case. None are sent if there are no other processes, or if they run on other
+        machines.
 
-        folder   of workers.open_scene
+        folder   of traced_scene.open_scene
         """
         if not uses("photons_ahead"):
             return cls()
-        if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # to start them now would keep charts waiting
+        if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # starting processes now would delay the charts
             return cls()
         first, second = (rounds.count_ahead(round_, settings.direct == "rays") for round_ in (0, 1))
         photons = [min(first, settings.max_photons)]
@@ -46,7 +48,7 @@ class FirstPhotons:
         return cls({(shard.round, shard.shard): (shard, executor.submit(trace_ahead, shard)) for shard in shards})
 
     def take(self, shard: PhotonShard) -> PhotonShard:
-        """The shard with the folder of its hits, once they are there; as it is where those were not traced ahead."""
+        """The shard with the folder of its hits, waiting for them; unchanged if it was not traced ahead."""
         ahead, traced = self.sent.get((shard.round, shard.shard), (None, None))
         if ahead is None or traced is None or shard.photons != ahead.photons:
             return shard

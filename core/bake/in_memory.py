@@ -1,4 +1,4 @@
-"""A bake for programs: a scene in, arrays out, in this process alone, without leaving files."""
+"""A bake for programs: from a scene to arrays, in this process alone, without leaving files."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from ..scene.snapshot import save_snapshot
 from ..util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
 from ..util.messages import Message
 from ..util.settings import DEBUG_PASSES, Settings
-from .dark_objects import name_dark
-from .find_light import Loaded, find_light, resolve_light
+from .find_light import Loaded, find_light, name_dark, resolve_light
 from .run import Run
 
 
@@ -32,7 +31,7 @@ class SolvedLight:
     pages         pass -> (page_count, size, size, 4) float32, row 0 at the bottom; alpha 1 on charts; see docs/units.md
     tri_uv        (n_tri, 3, 2) float64, [0, 1]: corners of the scene's triangles
     object_page   (n_object,) int32: the page of each object, -1 without one
-    error         relative, stated; nan where no photons were needed
+    error         stated relative error; nan if no photons were needed
     stopped_by    "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     report        photons, rounds, rays, energy audit, and `objects` with the stated error of each
     warnings      (subject, sentence) of what was replaced or left out
@@ -53,14 +52,14 @@ def solve_scene(
     tell: Callable[[Message], None] = lambda message: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> SolvedLight:
-    """The light of a scene; settings.passes selects the pages. The bytes are those of run_bake with any number of workers.
+    """The light of a scene; settings.passes selects the pages. It equals that of run_bake, with any number of workers, to the byte.
 
     tell          receives progress
-    should_stop   whether the best light so far is wanted
-    Raises ValueError with a sentence where nothing can be baked, util.progress.Interrupted where it was stopped before there was any light.
+    should_stop   returns whether to stop with the best light so far
+    Raises ValueError with a sentence if nothing can be baked, util.progress.Interrupted if it was stopped before there was any light.
     """
     settings = dataclasses.replace(settings, workers=1)
-    # Shared arrays lie in temporary files during the bake: large arrays are mapped, not held twice.
+    # During the bake shared arrays are temporary files: large arrays are mapped, not held twice.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         folder, executor = Path(place), executors.InlineExecutor()
         save_snapshot(folder / SNAPSHOT_FILE, scene)

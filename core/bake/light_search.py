@@ -32,7 +32,7 @@ _GLANCING = Status("preview", "First light")
 class LightSearch:
     """Inputs of the stages.
 
-    first        photons that are being traced already
+    first        photons that are traced ahead
     surfaces     materials for the preview
     tri_object   (n_tri,) int: the object of each triangle
     """
@@ -47,9 +47,9 @@ class LightSearch:
     tri_object: IntArray
 
     def find(self) -> tuple[LightField, solve.Solver | None]:
-        """The light, and the solver with the state to keep; None where there is none.
+        """The light, and the solver with the state to keep; None if there is none.
 
-        Raises ValueError with a sentence where an earlier bake cannot be continued.
+        Raises ValueError with a sentence if an earlier bake cannot be continued.
         """
         run, settings, texels = self.run, self.settings, self.receivers.texels
         kept = checkpoint.load_checkpoint(Path(run.job.resume), run.folder, settings) if run.job.resume else None
@@ -58,7 +58,7 @@ class LightSearch:
         solver, is_shot = None, True
         if self.needs.direct and not kept:
             solver, is_shot = self._shoot_direct(direct, tell)
-        if not is_shot:  # stopped before any light: one round of photons estimates all of it, coarsely
+        if not is_shot:  # stopped before all texels have direct light: one round of photons estimates all light coarsely
             self.settings = settings = replace(settings, direct="photons")
             solver, direct, self.first = None, DirectField.none(len(texels)), FirstPhotons()
         if self.needs.photons or not is_shot:
@@ -79,7 +79,7 @@ class LightSearch:
     def _show_first_light(self, direct: DirectField, is_first: bool) -> tuple[preview.PreviewPages | None, Callable[[Message], None]]:
         """Preview pages, None without a viewport, and the listener for progress of direct light.
 
-        is_first   there is no light of an earlier bake
+        is_first   whether there is no light of an earlier bake to show
         """
         run, texels = self.run, self.receivers.texels
         if not (run.job.preview and self.needs.direct):
@@ -91,13 +91,13 @@ class LightSearch:
             return live, live.join(preview.find_first_light(run.folder, self.settings, texels), direct)
 
     def _shoot_direct(self, direct: DirectField, tell: Callable[[Message], None]) -> tuple[solve.Solver | None, bool]:
-        """Shoot shadow rays from all texels, to a tolerance relative to all light of a first round of photons. Returns the solver of that
-        round, None without photons, and whether all rays were shot.
+        """Send shadow rays from all texels, to a tolerance relative to the total light, which a first round of photons estimates. Returns
+        the solver of that round, None without photons, and whether all rays were sent.
         """
         run, settings, texels = self.run, self.settings, self.receivers.texels
         solver, ahead, by_rays = None, NOTHING_AHEAD, settings.direct == "rays"
         if self.needs.photons and by_rays:
-            if not run.deadline.limit_s:  # waiting for shards ahead ignores the time limit
+            if not run.deadline.limit_s:  # waiting for rays that were sent ahead ignores the time limit
                 ahead = ShotAhead.send(run.folder, settings, self.executor, len(texels))
             with run.stage(solve.TRACING):
                 solver = self._open_solver(direct)
@@ -113,7 +113,7 @@ class LightSearch:
             elif by_rays:
                 eased = run.deadline.ease(settings)
                 is_shot = direct.shoot(run.folder, eased, self.executor, range(len(texels)), tell, should_stop)
-            if solver and is_shot:  # work for idle processes
+            if solver and is_shot:  # the filter runs on idle processes meanwhile
                 limited = run.deadline.limit_spread(partial(executors.spread, self.executor), run.deadline.is_over)
                 direct.begin_show(texels, settings.denoise, limited)
         return solver, is_shot

@@ -1,6 +1,6 @@
-"""Light lost by the limit of bounces.
+"""Light that is lost by the limit of bounces.
 
-In a closed room of surfaces that reflect a share p of the light, p^n of it is, after n of them: 37 % of it where p is 0.999 and n is 1,000.
+In a closed room whose surfaces reflect a share p of the light, p^n of it is left after n bounces: 37 % for p = 0.999 and n = 1,000.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _WORTH_A_WORD = 0.01
 def state_lost(light: LightField, settings: Settings) -> tuple[LightField, list[tuple[str, str]]]:
     """The light with the loss added to its stated error, and warnings (subject, sentence).
 
-    More photons do not reduce it, so that no bake continues for it.
+    The loss is added after the stop rules, since more photons do not reduce it.
     """
     lost = light.ledger.find_lost() if settings.wants_all_light else 0.0
     if not lost:

@@ -1,4 +1,4 @@
-"""Validation of a note of a bake, for it lies in the folder of the images, with any other files."""
+"""Validation of a bake's note, which is not trusted, since anyone may write into the folder of the images."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..util.settings import ERROR_OF, IMAGE_FORMATS, PASSES
 
 
 def is_sound(header: dict[str, Any]) -> bool:
-    """Whether all fields of a header have their types, and its files are in the folder of the note."""
+    """Whether all fields of a header have their types, and its file names lead out of no folder."""
     return _fits(header, _HEADER)
 
 
 def fits_scene(layout: Mapping[str, NDArray[Any]], snapshot: SceneSnapshot, pages: int) -> bool:
-    """Whether arrays of a layout file are of this scene; its parts are those of job.LAYOUT_FILE."""
+    """Whether the arrays of a layout file (job.LAYOUT_FILE) fit this scene."""
     n_tri, n_object = snapshot.n_tri, len(snapshot.objects)
     shapes = {
         "tri_uv": ("f", (n_tri, 3, 2)),
@@ -38,7 +38,7 @@ def fits_scene(layout: Mapping[str, NDArray[Any]], snapshot: SceneSnapshot, page
 
 
 def _fits(value: Any, shape: Any) -> bool:
-    """Whether a value has the shape: a type, a test, a list of one shape, or a dictionary of shapes that it has at least."""
+    """Whether a value has a shape: a type, a test, a list of one shape, or a dictionary of shapes, whose keys it must have."""
     if isinstance(shape, dict):
         return isinstance(value, dict) and all(name in value and _fits(value[name], inner) for name, inner in shape.items())
     if isinstance(shape, list):
@@ -55,12 +55,12 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_error(value: Any) -> bool:
-    """Infinite where the error is unknown, None for objects without one."""
+    """An error may be infinite if it is unknown, and None for objects without one."""
     return value is None or _is_count(value) or (isinstance(value, float) and not value < 0.0)
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether it can stand in a report."""
+    """Whether a value may occur in a report."""
     if isinstance(value, dict):
         return all(map(_is_plain, value.values()))
     if isinstance(value, list):
@@ -69,7 +69,7 @@ def _is_plain(value: Any) -> bool:
 
 
 def _is_file_name(value: Any) -> bool:
-    """Whether a path leads out of no folder, on any system."""
+    """Whether a value is a plain file name, on any system."""
     return isinstance(value, str) and value not in ("", ".", "..") and value == PurePosixPath(value).name == PureWindowsPath(value).name
 
 

@@ -1,8 +1,8 @@
-"""Photons of a round, traced by workers: the last shards of a large round are traced while its result is read.
+"""Photons of a round, traced by workers; the last shards of a large round are traced while the round is evaluated.
 
-Reading a round keeps one process busy, while workers whose shards end early would be idle. So the last shards of a round of many overlap
-with it, and their sums are added with the next round's. The choice depends on the round alone, so that the same seed gives the same bytes
-for any number of workers.
+Evaluating a round keeps one process busy while the workers would be idle. So the last shards of a large round overlap with it, and their
+sums are added to the next round. Which shards these are depends on the round alone, so the same seed gives the same bytes for any number of
+workers.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _NEARLY_DONE = 2  # shards without a result when the late ones are submitted
 class PhotonRounds:
     """Shards under way.
 
-    late      of the last round, with their future results; all of one view
-    dropped   late shards when the bake stopped: a bake that continues resends them, and so equals one that did not stop
+    late      late shards of the last round, with their future results; all have one view
+    dropped   shards that were late when the bake stopped; a continued bake sends them again, so it equals one that did not stop
     """
 
     executor: Executor
@@ -38,11 +38,11 @@ class PhotonRounds:
     dropped: list[PhotonShard] = field(default_factory=list)
 
     def count_late(self) -> int:
-        """Photons under way."""
+        """Number of photons of the late shards."""
         return sum(shard.photons for shard, _ in self.late)
 
     def trace(self, shards: Sequence[PhotonShard], n_late: int) -> Iterator[tuple[PhotonShard, PhotonResult]]:
-        """Results of the late shards of the round before, then of these but the last `n_late`; views are removed once they are read."""
+        """Results of the previous round's late shards, then of these shards without the last `n_late`. Views are removed after use."""
         first, last = shards[: len(shards) - n_late], shards[len(shards) - n_late :]
         before, self.late = self.late, []
         results = self.executor.map(photon_shards.trace_photons, first)
@@ -51,7 +51,7 @@ class PhotonRounds:
                 yield shard, late.result()
             _remove_views([shard for shard, _ in before])
             for left, shard in zip(range(len(first), 0, -1), first, strict=True):
-                if left == _NEARLY_DONE:  # earlier, this process would run them while it waits for the others
+                if left == _NEARLY_DONE:  # sent earlier, this process would run them while it waits for the others
                     self.send(last)
                 yield shard, next(results)
         finally:
@@ -59,11 +59,11 @@ class PhotonRounds:
                 _remove_views(shards)
 
     def send(self, late: Sequence[PhotonShard]) -> None:
-        """Trace these shards, of one view, until the next round."""
+        """Send late shards, which have one view; the next round receives their results."""
         self.late = [(shard, self.executor.submit(photon_shards.trace_photons, shard)) for shard in late]
 
     def drop(self) -> None:
-        """Abandon shards under way; their workers may find the view removed."""
+        """Abandon the late shards; their workers may then find the view removed."""
         for _, late in self.late:
             late.cancel()
         self.dropped, self.late = [shard for shard, _ in self.late], []
@@ -71,7 +71,7 @@ class PhotonRounds:
 
 
 def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], guiding: Guiding | None) -> str:
-    """Save what the shards of a round read, and return the folder; arguments as of TreeView.of_tree."""
+    """Save the view and the guide for the shards of a round, and return the folder; arguments are as for TreeView.of_tree."""
     shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
     if guiding:
         shared_arrays.save_struct(folder / photon_shards.GUIDING_FOLDER, guiding)

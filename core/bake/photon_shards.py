@@ -1,4 +1,4 @@
-"""Shards of photons: what is traced of them, and summed over the nodes of the trees."""
+"""Shards of photons: tracing them, and summing their deposits over the nodes of the trees."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..radiosity.cell_tally import CellFlux
 from ..radiosity.deposit_worth import Guiding, weigh_groups
 from ..radiosity.tally import ShardTally, deposit
 from ..radiosity.tree_view import TreeView
-from ..transport import photons, photons_ahead
+from ..transport import photons
 from ..transport.emission_cells import BirthCells
 from ..transport.emission_guide import BirthTally
 from ..transport.photon_log import Counters, EnergyAudit, ShardHits
@@ -23,7 +23,7 @@ from ..transport.traced_scene import TracedScene, Tracing, open_scene, open_trac
 from ..util import sampling
 from ..util.settings import Settings
 
-GUIDING_FOLDER = "guiding"  # in a view's
+GUIDING_FOLDER = "guiding"  # within the folder of a view
 
 
 @keep_view_open
@@ -34,7 +34,7 @@ def open_view(folder: str) -> TreeView:
 
 @keep_view_open
 def open_guiding(folder: str) -> Guiding:
-    """What guides the photons of a view, likewise."""
+    """The guide of the photons that was written to the folder of a view; a process keeps the last one open."""
     return shared_arrays.load_struct(Path(folder) / GUIDING_FOLDER, Guiding)
 
 
@@ -52,7 +52,7 @@ class PhotonShard:
     degree: int
     skip_first: bool  # direct light comes from shadow rays
     guided: bool = False  # the view's folder holds a guide
-    hits: str = ""  # folder on this machine: what was traced of it already, see first_photons
+    hits: str = ""  # folder on this machine with hits that were traced ahead, see first_photons
 
     @classmethod
     def of_round(
@@ -65,7 +65,7 @@ class PhotonShard:
         degree: int,
         guided: bool = False,
     ) -> list[PhotonShard]:
-        """Shards of so many photons each; the others are as the fields."""
+        """Shards with `shares` photons each; the other arguments are as the fields."""
         whole = cls(
             tracing=str(folder),
             view=view,
@@ -83,18 +83,24 @@ class PhotonShard:
 
 @dataclass(frozen=True)
 class PhotonResult:
-    """Sums and counts of one shard; sums over nodes and squares of photons that each carry all the light of a bake."""
+    """Sums and counts of one shard. Each of its photons carries the power of the whole scene.
+
+    tally       sums over nodes
+    squares     sums over squares of subtexel_tally
+    births      tally for the emission guide, if there is one
+    elsewhere   photons on sides without a lightmap
+    """
 
     tally: ShardTally
     squares: ShardTally
     audit: EnergyAudit
     counters: Counters
     births: BirthTally | None
-    elsewhere: CellFlux  # on sides without a lightmap
+    elsewhere: CellFlux
 
     @classmethod
     def join(cls, pieces: Sequence[PhotonResult]) -> PhotonResult:
-        """Add up the pieces of one shard's photons; results of groups are those of the first piece."""
+        """Add up the pieces of one shard; the first piece has the results of all groups."""
         first = pieces[0]
         if len(pieces) == 1:
             return first
@@ -109,11 +115,10 @@ class PhotonResult:
 
 
 def trace_photons(shard: PhotonShard) -> PhotonResult:
-    """Trace the photons of a shard and sum them over the nodes they meet."""
+    """Trace the photons of a shard, unless that was done ahead, and sum them over nodes."""
     tracing, view = open_tracing(shard.tracing), open_view(shard.view)
     guiding = open_guiding(shard.view) if shard.guided else None
-    ahead = photons_ahead.fetch_hits(Path(shard.hits)) if shard.hits else None
-    pieces = iter([ahead]) if ahead else _trace_hits(tracing, shard, guiding.cells if guiding else None)
+    pieces = _fetch_hits(Path(shard.hits)) if shard.hits else _trace_hits(tracing, shard, guiding.cells if guiding else None)
     return PhotonResult.join([_sum_up(tracing, view, shard, guiding, hits) for hits in pieces])
 
 
@@ -122,7 +127,7 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guidi
     entry = tracing.texels.entry_of(hits.tri, x, y)
     cells, on_sides = tracing.cells, hits.elsewhere
     cell, flux = cells.find(on_sides.tri, on_sides.is_front, on_sides.u, on_sides.v), on_sides.flux_rgb
-    if entry.min(initial=0) < 0:  # a face may have no texels, as one that a layer folds to a line
+    if entry.min(initial=0) < 0:  # a face may have no texels, for instance if a UV layer folds it to a line
         lost = np.flatnonzero(entry < 0)
         tri, u, v = hits.tri.take(lost), hits.u.take(lost), hits.v.take(lost)
         cell = np.concatenate([cell, cells.find(tri, np.ones(len(lost), bool), u, v)])
@@ -140,19 +145,26 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guidi
 
 
 def trace_ahead(shard: PhotonShard) -> bool:
-    """Trace photons of a shard to the folder `hits`, before there is anything that guides them; texels and a view need not be there yet.
+    """Trace an unguided shard and keep its hits in the folder shard.hits, before texels and a view exist.
 
-    Returns False where they have so many hits that these are better summed at once.
+    Returns False if there are too many hits to keep; the shard is then traced again later. Raises OSError if the disk is full.
     """
     pieces = _trace_hits(open_scene(shard.tracing), shard)
     hits = next(pieces)
     is_all = next(pieces, None) is None
     if is_all:
-        photons_ahead.keep_hits(Path(shard.hits), hits)
+        shared_arrays.save_struct(Path(shard.hits), hits)
     return is_all
+
+
+def _fetch_hits(folder: Path) -> Iterator[ShardHits]:
+    """The hits that trace_ahead kept; the folder is removed."""
+    hits = shared_arrays.load_struct(folder, ShardHits)
+    shared_arrays.remove_struct(folder)
+    yield hits
 
 
 def _trace_hits(opened: TracedScene, shard: PhotonShard, cells: BirthCells | None = None) -> Iterator[ShardHits]:
     rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
-    # How many photons the bake will have is not known yet: each carries all the light, and sums are divided when read.
+    # The number of photons in the bake is not known yet: each carries all the power, and sums are divided by the number later.
     return photons.trace_shard(opened.scene, shard.photons, shard.photons, rng, shard.max_depth, shard.skip_first, cells)

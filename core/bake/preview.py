@@ -1,8 +1,7 @@
-"""The light while it is being found, as small pages for a viewport: quick to make, left out when that would slow the bake.
+"""Small pages for a viewport while the bake runs. They are quick to draw, and left out where they would slow the bake.
 
-A page shows what integrate.texel_light.glance_at reads: each leaf's own function, unblended, so that coarse leaves are seen to become fine,
-and light by rays wherever some have been sent already. The first light is found by photons alone; rays replace its direct light texel by
-texel.
+A page shows integrate.texel_light.glance_at: each leaf's own function, unblended, so that one can watch leaves become finer, and light by
+rays wherever some have been sent. The first light comes from photons alone; rays then replace its direct light texel by texel.
 """
 
 from __future__ import annotations
@@ -30,17 +29,17 @@ from ..util.messages import Message, Preview
 from ..util.settings import Settings
 from .solve import Solver
 
-FIRST_PHOTONS = 1 << 17  # of the first light, which is to be seen at once
-FIRST_ROUND = 1 << 30  # its own name and random numbers: no round of a bake comes that far, nor do shadow rays' turns come down to it
-FIRST_LEVEL = 1  # of its current nodes: there is no time for rounds that would split them
-MOST_TEXELS = 1 << 19  # of all pages together
+FIRST_PHOTONS = 1 << 17  # photons of the first light, which should appear at once
+FIRST_ROUND = 1 << 30  # its round number, for random numbers of its own: rounds of a bake and turns of shadow rays never reach it
+FIRST_LEVEL = 1  # level of its nodes, since there are no rounds that would split them
+MOST_TEXELS = 1 << 19  # on all pages together
 LEAST_PAUSE_S = 0.3
-PAUSE_OF_COST = 10.0  # a preview waits so many times what the last one took
-# The viewer of the first light then gives all objects materials and redraws everything, which beside a bake takes a third longer.
+PAUSE_OF_COST = 10.0  # pause before the next preview, over the time that the last one took
+# With the first light the viewer gives all objects materials and redraws everything, which takes a third longer while a bake runs.
 FIRST_DRAWN_S = 0.3
-_KEPT_TURNS = 3  # a viewer may lag behind by so many
+_KEPT_TURNS = 3  # pages of so many last turns are kept, since a viewer may lag behind
 
-# Pass -> whether direct and indirect light show, whether the albedo colours them, and what is added.
+# Pass -> factors on direct and indirect light, whether they are multiplied by the albedo, and the surface colour that is added.
 _PASSES = {
     "combined": (1.0, 1.0, True, "emission"),
     "diffuse": (1.0, 1.0, True, ""),
@@ -49,16 +48,16 @@ _PASSES = {
     "emission": (0.0, 0.0, False, "emission"),
     "albedo": (0.0, 0.0, False, "albedo"),
 }
-_LIGHTING = (1.0, 1.0, False, "")  # what other passes show until they are done
+_LIGHTING = (1.0, 1.0, False, "")  # shown for all other passes
 
 
 def find_first_light(folder: Path, settings: Settings, texels: TexelMap) -> LightField:
-    """All light by a few photons, traced in this process before any worker is awake; no part of the bake's own result.
+    """All light by a few photons, traced in this process before any worker runs; not part of the bake's result.
 
-    folder   of workers.open_tracing
+    folder   of traced_scene.open_tracing
     """
     level = max(settings.min_level, FIRST_LEVEL)
-    # Planes through so few photons would dip to black.
+    # Linear functions fitted to so few photons would dip to black.
     quick = replace(settings, direct="photons", basis="constant", max_photons=FIRST_PHOTONS, min_level=level, hierarchical=True)
     n_texel = len(texels)
     solver = Solver(folder, quick, InlineExecutor(), DirectField.none(n_texel), np.zeros(n_texel, bool))
@@ -67,7 +66,7 @@ def find_first_light(folder: Path, settings: Settings, texels: TexelMap) -> Ligh
 
 
 class PreviewPages:
-    """Writes pages of `pass_name` into `folder` and announces them."""
+    """Writes pages of the first pass into `folder` and announces them."""
 
     def __init__(
         self,
@@ -92,21 +91,21 @@ class PreviewPages:
         self._next_s = -math.inf
 
     def show(self, light: LightField, rays_alone: bool = False) -> None:
-        """Pages of the light as it stands, unless the last ones are too fresh for what they cost; rays_alone as of glance_at."""
+        """Write pages of the present light, unless it is too soon after the last ones; rays_alone is as for glance_at."""
         if time.monotonic() < self._next_s:
             return
-        begin = time.thread_time()  # CPU time, for load by other processes is no cost of the preview
+        begin = time.thread_time()  # CPU time, since load by other processes is no cost of the preview
         for page, pixels in enumerate(self.draw(light, rays_alone)):
             path = self._path(page, self._turn)
             np.save(path, pixels)
-            with contextlib.suppress(PermissionError):  # Windows refuses while Blender reads it; it goes with the job's folder
+            with contextlib.suppress(PermissionError):  # Windows refuses while Blender reads it; it is then deleted with the job's folder
                 self._path(page, self._turn - _KEPT_TURNS).unlink(missing_ok=True)
             self._tell(Preview(page, str(path)))
         self._turn += 1
         self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))
 
     def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
-        """Show a first light and leave time to draw it; returns a listener in place of `tell` that shows direct light with each message."""
+        """Show a first light and wait until it is drawn. Returns a listener to use as `tell`, which updates direct light."""
         mixed = replace(light, direct=direct)
         self.show(mixed, rays_alone=True)
         time.sleep(FIRST_DRAWN_S)
@@ -118,7 +117,7 @@ class PreviewPages:
         return send_and_show
 
     def draw(self, light: LightField, rays_alone: bool = False) -> list[NDArray[np.float16]]:
-        """(side, side, 4) float16 for each page, row 0 at the bottom; rays_alone as of glance_at."""
+        """(side, side, 4) float16 for each page, row 0 at the bottom; rays_alone is as for glance_at."""
         direct, indirect = glance_at(light, self._texels, self._entry, rays_alone)
         colour = direct * self._direct_tint + indirect * self._indirect_tint + self._added
         side = self.side
@@ -135,7 +134,7 @@ class PreviewPages:
 
 
 def _choose_entries(texels: TexelMap, side: int) -> tuple[IntArray, IntArray]:
-    """Cells of all pages that a chart covers (m,), and a texel entry for each (m,)."""
+    """Pixels (m,) of all preview pages that a chart covers, as flat indices, and a texel entry (m,) in each."""
     x, y = (texels.texel_xy.astype(np.int64) * side // texels.page_size).T
     cell = (texels.page_of(slice(None)).astype(np.int64) * side + y) * side + x
     first = np.full(texels.page_count * side * side, -1)
@@ -145,7 +144,7 @@ def _choose_entries(texels: TexelMap, side: int) -> tuple[IntArray, IntArray]:
 
 
 def _surface_at(texels: TexelMap, look_up: Callable[..., NDArray[np.float32]], has_images: bool, entry: IntArray) -> NDArray[np.float32]:
-    """(m, 3) float32: what the surface is like at one point of each texel."""
+    """(m, 3) float32: look_up, an albedo or emission, at one point of each texel entry (m,)."""
     if has_images:
         _, u, v = texels.bary_at(entry).T
     else:

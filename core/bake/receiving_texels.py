@@ -1,4 +1,4 @@
-"""Surfaces that receive light: charts on pages, and their texels, cut where light may jump."""
+"""Surfaces that receive light: charts on pages and their texels, cut where light is discontinuous."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class Receivers:
     """Receiving surfaces.
 
     facets    the charts, cut at creases and contacts
-    texels    their texels; read-only from here on, as for all processes
-    touched   (n,) bool: texel entries at contacts, of ContactMap; all False without a search
-    rising    (n,) bool: texel entries below something that rises from there, likewise
+    texels    their texels; mapped read-only, as in all processes
+    touched   (n,) bool: as in ContactMap; all False without a search for contacts
+    rising    (n,) bool: likewise
     """
 
     facets: ChartAtlas
@@ -55,18 +55,18 @@ class Receivers:
 def lay_out(
     run: Run, snapshot: SceneSnapshot, settings: Settings, kept: ChartCache, tri_turned: NDArray[np.bool_] | None = None
 ) -> ChartAtlas:
-    """The charts of all objects that receive light; the layout file gives Blender their places.
+    """The charts of all objects that receive light. Also writes the layout file, from which Blender gets their UVs.
 
-    kept         of an earlier bake; what it then has is kept for the next one, also where this one is stopped
-    tri_turned   (n_tri,) bool: triangles whose corners are in another order than Blender has them, see sides
-    Raises ValueError with a sentence where there are none, or they do not fit.
+    kept         charts of an earlier bake; new ones are added and kept for the next bake, also if this one is stopped
+    tri_turned   (n_tri,) bool: triangles whose corners are in another order than in Blender, see sides
+    Raises ValueError with a sentence if there are no charts, or if they do not fit on the pages.
     """
     with run.stage(chart_search.UNWRAPPING):
         is_whole = False
         try:
             atlas = make_charts(snapshot, settings, run.watch(), kept)
             is_whole = True
-        finally:  # also after a stop, or where charts do not fit: they need not be unwrapped again
+        finally:  # after a stop, or if charts do not fit, they need not be unwrapped again
             _keep_charts(run, kept, is_whole)
         if not atlas.page_count:
             reasons = "; ".join(one.text.removesuffix(".") for one in group_warnings(atlas.warnings))
@@ -77,7 +77,7 @@ def lay_out(
         save_whole(run.folder / LAYOUT_FILE, layout)
         run.warn(atlas.warnings)
         for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
-            run.tell(Warning_("", text))  # now, while there is time to stop; not in the note, for a reused bake overwrites nothing
+            run.tell(Warning_("", text))  # now, while one can still stop; not in the note, since a reused bake overwrites nothing
     return atlas
 
 
@@ -93,14 +93,14 @@ def find_receivers(
 ) -> Receivers:
     """The texels of the charts, saved for traced_scene.open_tracing.
 
-    lit          whether any rays are sent
-    by_photons   whether leaves will hold light: then charts are cut along contacts
+    lit          whether the images show light, so that rays are traced
+    by_photons   whether leaves will hold light, so that charts are cut along contacts
     """
     place = run.folder / folders.TEXELS_FOLDER
     began = time.process_time()
     with run.stage(texels.MEASURING):
         facets = creases.cut_at_creases(snapshot, atlas) if uses("crease_cuts") else atlas
-        shared_arrays.remove_struct(place)  # of an earlier bake in the same folder
+        shared_arrays.remove_struct(place)  # left by an earlier bake in the same folder
         room, degree = shared_arrays.Room(place), 2 * basis.DEGREES[settings.basis]
         texel_map = texels.build_texel_map(snapshot, facets, degree, room, run.watch())
     seconds, of_processor = run.seconds[texels.MEASURING.stage], time.process_time() - began

@@ -19,14 +19,14 @@ from .deadline import Deadline
 class Run:
     """Context of every stage of a bake.
 
-    folder        with the snapshot and the job; holds all files of the bake but the images
+    folder        has the snapshot, the job, and all files of the bake except the images
     job           the request, without mechanisms that are switched off
     tell          receives every message
-    should_stop   whether the user wants the best light so far
+    should_stop   returns whether the user wants to stop with the best light so far
     seconds       time of each stage
-    deadline      of the time limit
+    deadline      deadline by the time limit
     cpu_began_s   CPU seconds of this process before the bake
-    warnings      (subject, sentence) of all that was replaced or left out; repeated when the same bake is reused
+    warnings      (subject, sentence) of what was replaced or left out; repeated when the same bake is reused
     """
 
     folder: Path
@@ -52,11 +52,11 @@ class Run:
         self.seconds[said.stage] = self.seconds.get(said.stage, 0.0) + time.perf_counter() - begin
 
     def watch(self) -> Watch:
-        """Progress reporter of the stage that begins; it raises Interrupted where the user stops or time is up."""
+        """A progress reporter for the next stage; it raises Interrupted if the user stops or time is up."""
         return ProgressReporter(self.tell, lambda: self.should_stop() or self.deadline.is_lost()).say
 
     def warn(self, warnings: Iterable[tuple[str, str]]) -> None:
-        """Report what was replaced or left out: subject and sentence of each."""
+        """Report (subject, sentence) of what was replaced or left out."""
         for subject, text in warnings:
             self.warnings.append((subject, text))
             self.tell(Warning_(subject, text))

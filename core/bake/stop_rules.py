@@ -17,9 +17,9 @@ from .deadline import Deadline
 class StopRules:
     """Stop rules of one bake.
 
-    should_stop   whether the user wants the best light so far; once true it stays true
-    started       by time.monotonic()
-    deadline      of the whole bake; None: the time limit counts from `started`
+    should_stop   returns whether the user wants to stop with the best light so far; once true it stays true
+    started       time.monotonic() at the start
+    deadline      that of the whole bake; None if the time limit counts from `started`
     """
 
     settings: Settings
@@ -47,7 +47,7 @@ class StopRules:
         return "time_limit" if self.is_late() else ""
 
     def measure_progress(self, light: LightField, before: int) -> Progress:
-        """`before` photons were traced by an earlier bake."""
+        """before   photons that an earlier bake traced"""
         seconds = max(time.monotonic() - self.started, 1e-6)
         settings = self.settings
         fractions = [light.photons / settings.max_photons]
@@ -57,6 +57,6 @@ class StopRules:
             left = seconds + self.deadline.left() if self.deadline else settings.time_limit
             fractions.append(seconds / left if left > 0.0 else 1.0)
         fraction = 1.0 if light.stopped_by else min(max(fractions), 1.0)
-        done = fraction * (1.0 - before / max(light.photons, 1))  # of it, in this time
+        done = fraction * (1.0 - before / max(light.photons, 1))  # by this bake
         left = seconds * (1.0 - fraction) / done if done > 0.0 else math.nan
         return Progress(fraction, light.photons, (light.photons - before) / seconds, light.error, left, len(light.leaves))

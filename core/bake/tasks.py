@@ -1,4 +1,4 @@
-"""All kinds of work that a process of a bake may be given, loaded at once."""
+"""Imports all kinds of work that a process of a bake may get, so that processes load them at once."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _KINDS = contact_map, denoise, photon_shards, texel_shards  # their functions ru
 
 
 def load_ahead() -> None:
-    """Has all that shards need loaded or made, this module included, before there is one."""
+    """Load and build what shards need before there is one; importing this module is part of it."""
     rays.load_ahead()
     sampling.load_ahead()
 
 
 def open_executor(settings: Settings) -> Executor:
-    """executors.open_executor of processes that have loaded all kinds of work."""
+    """executors.open_executor whose processes load all kinds of work at once."""
     return executors.open_executor(settings, load_ahead)

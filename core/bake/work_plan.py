@@ -1,4 +1,4 @@
-"""Parts of the light that a bake must find, and those it skips; both are reported."""
+"""Parts of the light that a bake must find, and a report of what it skips."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ SURFACE_PASSES = ("albedo", "emission")
 
 @dataclass(frozen=True)
 class WorkPlan:
-    """Whether any image shows light straight from the lights, and light that was reflected; and whether photons are to find it."""
+    """The light that a bake must find.
+
+    direct     whether any image shows light
+    indirect   whether any image shows reflected light
+    photons    whether photons are traced
+    """
 
     direct: bool
     indirect: bool
@@ -31,7 +36,7 @@ class WorkPlan:
         return cls(bool(lit), indirect, indirect or (bool(lit) and settings.direct == "photons"))
 
     def trim(self, settings: Settings) -> Settings:
-        """The settings with photons that end after the last bounce that is needed."""
+        """The settings with photons limited to the bounces that the images need."""
         return settings if self.indirect else replace(settings, max_depth=1)
 
 
@@ -46,8 +51,8 @@ def count_skipped(
 ) -> dict[str, int]:
     """The report's "skipped".
 
-    pruned         of pruning.prune_scene
-    known_charts   of chart_cache.KeptCharts
+    pruned         counts from pruning.prune_scene
+    known_charts   count from chart_cache.ChartCache
     """
     counters, objects = light.direct.counters, snapshot.objects
     emits = np.array([any(material.emission_rgb) for material in snapshot.materials], bool)[snapshot.tri_material]
@@ -64,7 +69,7 @@ def count_skipped(
         "indirect_light": int(not needs.indirect),
         "photons": settings.max_photons - light.photons if light.stopped_by == "error" else 0,
         "charts_without_photons": len(atlas.chart_object) - len(reached) if needs.photons else len(atlas.chart_object),
-        "pairs_out_of_reach": counters.get("out_of_reach", 0),  # of a texel and a light, see direct
+        "pairs_out_of_reach": counters.get("out_of_reach", 0),  # pairs of a texel and a light, see integrate.direct
         "pairs_settled_early": counters.get("settled", 0),
         "pairs_shared": counters.get("shared", 0),
         "pairs_sampled_together": counters.get("sampled", 0),
