@@ -9,41 +9,51 @@ import bpy
 from ...core.util.user_text import Sentence
 from ..app.request import find_output
 from ..app.spare_images import draw_spare
-from ..show import layout, restore, view_shading
+from ..show import layout as layout_marks
+from ..show import restore
 from ..show.bake_text import Worn
 from ..show.scene_prints import describe_changes
 from .panel_parts import draw_sentence, draw_subjects
 
 
-def draw_result(column: Any, context: bpy.types.Context, worn: Worn) -> None:
-    """Buttons first, so that they stay where they are whatever is said below."""
-    box = column.box()
+def draw_buttons(layout: Any, context: bpy.types.Context) -> None:
+    """What can be done with the bake that the scene wears."""
+    box = layout.box()
     row = box.row(align=True)
     shown = restore.is_preview_on(context.scene)
     watch = context.window_manager.leaflight_changes
-    changes = watch.watch(context)
-    text = "Show Old Bake" if changes or watch.older else "Show Bake"
+    text = "Show Old Bake" if watch.watch(context) or watch.older else "Show Bake"
     row.operator("leaflight.toggle_preview", text=text, icon="HIDE_OFF" if shown else "HIDE_ON", depress=shown)
     row.operator("leaflight.remove", icon="TRASH")
     row = box.row(align=True)
     row.operator("leaflight.export_gltf", text="Export .glb", icon="EXPORT")
-    folder = layout.worn_folder(context.scene) or find_output(context.scene)
+    folder = layout_marks.worn_folder(context.scene) or find_output(context.scene)
     opener = row.row(align=True)
     opener.enabled = folder.is_dir()
     opener.operator("wm.path_open", text="Folder", icon="FILE_FOLDER").filepath = str(folder)
     draw_spare(box, context)
     box.operator("leaflight.refine", icon="ADD")
+
+
+def draw_doubts(layout: Any, context: bpy.types.Context) -> None:
+    """Why the light that is seen is not that of the bake, or no longer that of the scene."""
     if restore.MISSING in context.scene:
-        draw_sentence(box, context, context.scene[restore.MISSING], "ERROR")
-    if shown and view_shading.hides_bake(context):
-        draw_sentence(box, context, "This view does not show the baked light.", "INFO")
-        draw_show_it(box)
+        draw_sentence(layout, context, context.scene[restore.MISSING], "ERROR")
+    watch = context.window_manager.leaflight_changes
+    changes = watch.watch(context)
     if changes:
         told = f"{describe_changes(changes)}. The light that you see is out of date: bake again."
-        draw_subjects(box, context, Sentence(tuple(changes), told), "ERROR")
+        draw_subjects(layout, context, Sentence(tuple(changes), told), "ERROR")
     if watch.older:
         told = f"Changed between two bakes: {', '.join(watch.older[:3])}. What was not selected shows the older light: bake All."
-        draw_subjects(box, context, Sentence(watch.older, told), "ERROR")
+        draw_subjects(layout, context, Sentence(watch.older, told), "ERROR")
+
+
+def draw_lines(layout: Any, context: bpy.types.Context, worn: Worn) -> None:
+    """What came out of the bake."""
+    if not worn.lines:
+        return
+    box = layout.box()
     lines = box.column(align=True)
     for i, line in enumerate(worn.lines):
         icon = "CHECKMARK" if i == 0 else "BLANK1"

@@ -18,7 +18,7 @@ from ..show.layout import worn_result
 from . import preferences
 from .checker import is_checker_on
 from .panel_parts import describe_estimate, describe_evened, describe_takers, draw_sentence, draw_subjects, prepare
-from .panel_result import draw_result, draw_show_it
+from .panel_result import draw_buttons, draw_doubts, draw_lines, draw_show_it
 from .presets import LEAFLIGHT_PT_presets
 from .select_operator import is_known
 
@@ -43,7 +43,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
         LEAFLIGHT_PT_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Buttons stand above all that changes its height, so that none moves under the mouse."""
+        """Buttons stand above all that changes its height, so that none moves under the mouse; below them what is urgent comes first."""
         state: BakeState = context.window_manager.leaflight_state
         layout = prepare(self.layout)
         row = layout.row()
@@ -55,22 +55,32 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             _draw_bar(layout, state)
         else:
             _draw_bake(layout, context, now)
-        if has_bake and (worn.lines or not state.running):  # else it is the first bake of the scene, which is not done
-            result = layout.column()
-            result.enabled = not state.running
-            draw_result(result, context, worn)
+        wears = has_bake and (worn.lines or not state.running)  # else it is the first bake of the scene, which is not done
+        if wears:
+            buttons = layout.column()
+            buttons.enabled = not state.running
+            draw_buttons(buttons, context)
+        if state.running:  # Stop stands above what may be said meanwhile
+            _draw_progress(layout, context, state)
+        elif wears and view_shading.hides_bake(context) and restore.is_preview_on(context.scene):
+            draw_sentence(layout, context, "This view does not show the baked light.", "INFO")
+            draw_show_it(layout)
         error = _find_error(context, state)
         if error and error != now:
             draw_subjects(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
-        if state.running:
-            _draw_progress(layout, context, state)
-        else:
-            _draw_plan(layout, context)
+        if wears:
+            draw_doubts(layout, context)
         # What this Blender knows of the last bake is told only of files without a word about it: undo may have brought back another bake.
         unmarked = has_bake and worn_result(context.scene) is None
         warnings = state.list_warnings(context.scene.session_uid, unmarked) or (list(worn.warnings) if has_bake else [])
         if warnings:
             _draw_warnings(layout, context, group_warnings(warnings))
+        if wears:
+            lines = layout.column()
+            lines.enabled = not state.running
+            draw_lines(lines, context, worn)
+        if not state.running:
+            _draw_plan(layout, context)
 
 
 def _find_error(context: bpy.types.Context, state: BakeState) -> str:

@@ -132,6 +132,28 @@ def test_an_error_stands_where_it_came_from():
     assert tells("the scene has no light"), "else nobody would tell of it"
 
 
+def test_what_is_urgent_stands_above_the_result_and_the_plan(state):
+    """A low window shows the first lines only."""
+    bpy.ops.leaflight.bake()
+    meter, changes = bpy.context.window_manager.leaflight_meter, bpy.context.window_manager.leaflight_changes
+    meter.measure(bpy.context)
+    bpy.data.objects["Lamp"].data.energy = 50.0
+    bpy.context.view_layer.update()
+    changes.watch(bpy.context)
+    changes.look(bpy.context)
+
+    def find_places(*words):
+        labels = draw()[0]
+        return [next(i for i, label in enumerate(labels) if word in label) for word in words]
+
+    places = find_places("Lamp. The light that you see is out of date", "has no faces", "Baked in", " texels, ")
+    assert places == sorted(places)
+    state.begin(Lasting(), 0.0, [("Nothing", "Nothing: has no faces")], scene=bpy.context.scene.session_uid)
+    places = find_places("Starting", "has no faces", "Baked in")
+    assert places == sorted(places), "Stop, which stands with the progress, stays where it is"
+    state.end()
+
+
 def test_an_error_stands_above_the_plan():
     bpy.context.window_manager.leaflight_meter.measure(bpy.context)
     bpy.data.objects["Lamp"].hide_render = True

@@ -26,7 +26,6 @@ PICTURES = Path(os.environ["PICTURES"]) if "PICTURES" in os.environ else None
 CHOSEN = os.environ.get("PARTS", "").split()
 TICK_SECONDS = 0.05
 WIDTH, BAR_HEIGHT, COLORS = 700, 24, 96
-SCROLL_PIXELS = 230
 
 
 def check(name: str, holds: object) -> None:
@@ -124,17 +123,10 @@ def check_warning(name: str, subject: str, sentence: str) -> Iterator[float]:
     check(f"{name}: a warning in the panel", any(sentence in text for text in found))
     check(f"{name}: told in the status bar", any("in the panel" in line for line in told()))
     check(f"{name}: the rest is baked", is_baked() and not state().error)
-    yield from scroll_to_end()
-    yield from picture(name, 640)
-
-
-def scroll_to_end() -> Iterator[float]:
-    """Warnings stand below the plan, and the window is low."""
     with in_view():
         bpy.ops.leaflight.show_it()
     yield from settle()
-    with bpy.context.temp_override(window=window(), area=view(), region=region_of(view(), "UI")):
-        bpy.ops.view2d.pan(deltax=0, deltay=-SCROLL_PIXELS)
+    yield from picture(name, 640)
 
 
 def is_baked() -> bool:
