@@ -1,7 +1,7 @@
-"""Ramps over cuts of a chart's piece where nothing stands in between.
+"""Turns steps of light into ramps where a chart was cut but nothing stands on the cut.
 
-Leaves on both sides of a cut are chosen separately, and where light varies within them their functions differ by more than noise. There is
-no edge of light, so that the step is turned into a ramp.
+Leaves on both sides of a cut are chosen separately, and where light varies within them their functions differ by more than noise. If
+nothing stands between them there is no edge of light, so the step should not show.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from ..texels.texel_map import TexelMap
 from ..util.ablation import uses
 from ..util.arrays import IntArray
 
-_RAMP = 8  # texels on either side, or half of a leaf, or as many as the cut is long: past its ends light need not go
+_RAMP = 8  # texels on either side; or half of the smaller leaf, or the length of the cut, if that is less
 
 _Float = NDArray[np.float32]
 
 
 def close_cuts(light: _Float, texels: TexelMap, side: NDArray[np.int32]) -> None:
-    """Ramps in place of steps between texels side by side on charts of one piece, in place.
+    """Replace steps between adjacent texels on charts of one piece by ramps, in place.
 
-    light      (k, n, 3) float32, of the texel entries
-    side       (n,) int32, texels, of the leaf at each entry
+    light      (k, n, 3) float32, at the texel entries
+    side       (n,) int32, texels: side of the leaf at each entry
     """
     is_cut_off = np.bincount(texels.chart_piece)[texels.chart_piece] > 1
-    is_cut_off &= texels.chart_piece != np.arange(len(is_cut_off))  # on one side of every cut at least
+    is_cut_off &= texels.chart_piece != np.arange(len(is_cut_off))  # true on at least one side of every cut
     if not is_cut_off.any() or not uses("border_feathering"):
         return
     cut_off = np.flatnonzero(is_cut_off[texels.texel_chart])
@@ -41,16 +41,16 @@ def close_cuts(light: _Float, texels: TexelMap, side: NDArray[np.int32]) -> None
             for (entry, way), first in zip(sides, (column, column + 1), strict=True):
                 chart = texels.texel_chart[entry]
                 change += _ramps(page, row, first, way, texels.texel_chart, chart, -way * half, np.minimum(reach, _RAMP))
-    for entry, value in change:  # each of them once
+    for entry, value in change:  # within one of them no entry occurs twice
         light[:, entry] += value
     changed = np.concatenate([entry for entry, _ in change])
-    light[:, changed] = np.maximum(light[:, changed], 0.0)  # of all ramps together: in whatever order they come
+    light[:, changed] = np.maximum(light[:, changed], 0.0)  # once at the end, so that the order of ramps does not matter
 
 
 def _find_cuts(page: NDArray[np.int32], row: IntArray, column: IntArray, axis: int, texels: TexelMap) -> tuple[IntArray, IntArray]:
-    """Rows and columns (m,) of texels with another chart of their piece at the next column, and nothing between.
+    """Rows and columns (m,) of texels whose next column has another chart of the same piece, with no surface between them.
 
-    row, column   (k,) int: texels of which each pair has one
+    row, column   (k,) int: texels to look at; one of each pair is enough
     """
     size = page.shape[1]
     place = np.unique(np.concatenate([row * size + column, row * size + column - 1]).astype(np.int64))
@@ -66,7 +66,7 @@ def _find_cuts(page: NDArray[np.int32], row: IntArray, column: IntArray, axis: i
 
 
 def _measure_runs(row: IntArray, column: IntArray) -> IntArray:
-    """(m,) int: how many of the places (m,) follow each other in the column of each."""
+    """(m,) int: length of the run of consecutive rows in its column that each place (m,) belongs to."""
     order = np.lexsort((row, column))
     begins = np.append(True, (np.diff(column[order]) != 0) | (np.diff(row[order]) != 1))[: len(order)]
     run = np.cumsum(begins) - 1
@@ -85,7 +85,7 @@ def _ramps(
     step: _Float,
     reach: IntArray,
 ) -> list[tuple[IntArray, _Float]]:
-    """Entries on charts (m,) from places (m,) on, and what of steps (k, m, 3) is added to them, for each distance below reach (m,)."""
+    """For each distance below reach (m,) from places (m,): the entries there on charts (m,), and the part of steps (k, m, 3) to add."""
     out, here = [], np.arange(len(row))
     for distance in range(_RAMP):
         at = column[here] + way * distance

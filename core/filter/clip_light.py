@@ -1,11 +1,11 @@
-"""Leaves' light without its negative part, and with no more flux than before.
+"""Clips negative light of leaves to zero and preserves their flux.
 
-A plane that is fitted to a small spot of light dips below zero beside it. To set that to zero alone would make energy, a sixth and more
-of a caustic on a large leaf. So what is left of a leaf is scaled down to the flux that it had. Where blending with a neighbour's plane
-leaves a leaf below zero in all, the smallest node above it that has the flux, or the chart, pays for it.
+A plane that is fitted to a small spot of light dips below zero beside it. Clipping alone would add energy, a sixth or more of a caustic on
+a large leaf. So the rest of the leaf is scaled down to the flux that it had. If the flux of a leaf is negative, which blending with a
+neighbour's plane may cause, the smallest ancestor with enough flux is scaled instead, or the whole chart.
 
 The limiter of Zhang & Shu 2010, "On maximum-principle-satisfying high order schemes for scalar conservation laws", keeps a leaf's flux too,
-by less slope; at the edge of a shadow its squared error is a third larger.
+by reducing its slope; at the edge of a shadow its squared error is a third larger.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..util.arrays import Float64, IntArray
 
 
 def clip_light(light: NDArray[Any], area: NDArray[Any], leaf: IntArray, tree: Quadtree) -> None:
-    """Sets what is below zero to zero, in place, and scales the rest of each leaf down to the flux it had.
+    """Clip negative light to zero, in place, and scale the rest of each leaf down to the flux it had.
 
     light   (n,) float, W/m^2, at texels in any order
     area    (n,) float, m^2, of the texels
-    leaf    (n,) int: the node that each is on; the nodes do not overlap
+    leaf    (n,) int: the node of each texel; the nodes do not overlap
     """
     if not len(light) or light.min() >= 0.0:
         return
@@ -42,7 +42,7 @@ def clip_light(light: NDArray[Any], area: NDArray[Any], leaf: IntArray, tree: Qu
 
 
 def _find_factors(before: Float64, after: Float64, leaves: IntArray, tree: Quadtree) -> Float64:
-    """(m,): what the light on leaves (m,) is to be times, by their flux (m,), W, before and after what is below zero was set to zero."""
+    """(m,): factors on the clipped light of leaves (m,), from their flux (m,), W, before and after clipping."""
     order = np.argsort(tree.start[leaves])
     start = tree.start[leaves[order]]
     before, after = before[order], after[order]
@@ -60,10 +60,10 @@ def _find_factors(before: Float64, after: Float64, leaves: IntArray, tree: Quadt
         own_before, own_after = sums[:, last] - sums[:, first]
         pays = own_before >= 0.0
         share = np.divide(own_before, own_after, out=np.zeros(len(first)), where=own_after > 0.0)
-        pays[len(node) :] = True  # nothing is above a chart
+        pays[len(node) :] = True  # charts, which have nothing above them
         paying += zip(first[pays], last[pays], share[pays], strict=True)
         node = node[~pays[: len(node)]]
-    for begin, end, own in sorted(paying, key=lambda one: one[1] - one[0]):  # the larger of two counts
+    for begin, end, own in sorted(paying, key=lambda one: one[1] - one[0]):  # ancestors override their descendants
         factor[begin:end] = own
     out = np.empty(len(leaves))
     out[order] = np.maximum(factor, 0.0)

@@ -19,12 +19,11 @@ from ..texels.texel_map import TexelMap
 from ..texels.tiling import Strips
 from .nonlocal_means import HALO, RADIUS, smooth_alike
 
-# Greatest side, texels, of leaves whose noise is filtered. Measured on the samples: 4 leaves 0 to 4 % more error, 8 up to 1 % at 256^2 and
-# 1.5 % at 1024^2; 32 would leave 1 to 2 % less there and takes longer.
+# Greatest side, texels, of leaves whose noise is filtered. Measured on the samples: with 4 the error is 0 to 4 % larger, with 8 up to 1 %
+# at 256^2 and 1.5 % at 1024^2; with 32 it would be 1 to 2 % smaller there, and the filter takes longer.
 SMALL_LEAF = 16
-# Squared error that the filter leaves, its blur included, over the photons' variance there. Measured on the samples at 1, 4 and 16 M
-# photons: 0.81 to 0.97, and 1.02 where light changes in every texel; with one factor the stated error is within 5 % of that with each
-# sample's own.
+# Squared error after the filter, its blur included, over the photons' variance before it. Measured on the samples at 1, 4 and 16 M photons:
+# 0.81 to 0.97, and 1.02 where light changes in every texel; with one factor the stated error is within 5 % of that with each sample's own.
 GRAIN_LEFT = 0.89
 _DARKEST = 1e-30  # W/m^2
 
@@ -39,8 +38,8 @@ class Smoothed:
 
     entry       (m,) int32
     light       (k, m, 3) float32, W/m^2
-    variance    (m, 3) float32, (W/m^2)^2   left by the filter, where errors of texels are independent
-    own_share   (m,) float32                weight of each texel in its own filtered value
+    variance    (m, 3) float32, (W/m^2)^2: residual variance if the errors of texels are independent
+    own_share   (m,) float32: weight of each texel in its own filtered value
     """
 
     entry: NDArray[np.int32]
@@ -53,8 +52,8 @@ class Smoothed:
 class Smoothing:
     """A filter in progress.
 
-    light   (k, n, 3) float32, W/m^2: before the filter
-    asked   entries of each result, and whether each entry stands for its quad
+    light   (k, n, 3) float32, W/m^2: the light before the filter
+    asked   for each result its entries, and whether they stand for their quads
     found   the results, in the same order
     """
 
@@ -64,7 +63,7 @@ class Smoothing:
 
     def finish(self) -> Smoothed:
         """Wait for the results and collect them; may be called once."""
-        found = list(self.found)  # fewer than requested where time is up: the other texels stay unfiltered
+        found = list(self.found)  # fewer than requested if time is up; the other texels stay unfiltered
         parts = [
             (entry, *values) if not of_quads else self._spread(entry, *values)
             for (entry, of_quads), values in zip(self.asked, found, strict=False)
@@ -75,7 +74,7 @@ class Smoothing:
     def _spread(
         self, first: NDArray[np.int32], smoothed: _Image, left: _Image, own_share: _Image
     ) -> tuple[NDArray[np.int32], _Image, _Image, _Image]:
-        """Spread the change at the first texels of quads to all of their texels."""
+        """Apply the filter's change at the first texels of quads to all of their texels."""
         entry = list_texels(first)
         change = np.repeat(smoothed - self.light[:, first], QUAD_TEXELS, axis=1)
         change += self.light[:, entry]
@@ -91,7 +90,7 @@ def denoise(
     with_variance: bool = False,
     by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothed:
-    """Filter the light; arguments as of begin_denoising."""
+    """Filter the light; arguments are as for begin_denoising."""
     return begin_denoising(light, variance, grainy, texels, spread, with_variance, by_quads).finish()
 
 
@@ -106,11 +105,11 @@ def begin_denoising(
 ) -> Smoothing:
     """Start filtering all texels near grainy ones; the arrays must not change until the filter has finished.
 
-    light      (k, n, 3) float32: parts of the light at the texel entries; similarity is measured on their sum
-    variance   (n, 3) float32, of the sum
-    grainy     (n,) bool: texels whose noise is independent of their neighbours'
-    with_variance       whether the variance that is left is computed; else it is 0
-    by_quads   (n,) bool: texels of a quad have the same error; None where none do
+    light           (k, n, 3) float32: parts of the light at the texel entries; similarity is measured on their sum
+    variance        (n, 3) float32: variance of the sum
+    grainy          (n,) bool: texels whose noise is independent of their neighbours'
+    with_variance   whether the residual variance is computed; else it is 0
+    by_quads        (n,) bool: texels that have the error of their quad; None for none
     """
     # The scale keeps squares of tiny and huge light finite.
     brightness, noise = sum(float(part.mean(dtype=np.float64)) for part in light), float(np.sqrt(variance.mean(dtype=np.float64)))
@@ -135,7 +134,7 @@ def _smooth_strips(
 ) -> tuple[_Image, _Image, _Image]:
     """Filtered light (k, m, 3), its variance (m, 3), 0 unless `with_variance`, and own shares (m,) of the texels `wanted`.
 
-    light (k, h, w, 3), variance (h, w, 3), chart (h, w), -1 outside of charts; wanted (h, w) without the halo
+    light (k, h, w, 3), variance (h, w, 3); chart (h, w), -1 outside of charts; wanted without the halo
     """
     planes = np.ascontiguousarray(light.transpose(0, 3, 1, 2)) * scale
     noise = np.where(chart >= 0, np.ascontiguousarray(variance.transpose(2, 0, 1)) * scale * scale, 0)

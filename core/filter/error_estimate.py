@@ -1,8 +1,8 @@
 """The stated error: an estimate of the bake's distance from the converged light, from the bake's own samples.
 
-It has three parts: variance of each leaf from the squared powers of its photons, corrected by the difference of the dual buffers and, on
-small leaves, by the noise that the filter removes; discretisation bias of the leaves (missing_light); and variance of direct light by
-shadow rays. It is relative to local brightness, for the eye sees relative differences in dark corners too.
+It has three parts: the variance of each leaf from the squared powers of its photons, corrected by the difference of the dual buffers and,
+on small leaves, by the noise that the filter removes; the discretisation bias of the leaves (bias_estimate); and the variance of light by
+rays. It is relative to local brightness, since the eye sees relative differences in dark corners too.
 """
 
 from __future__ import annotations
@@ -34,22 +34,21 @@ from .variance_estimate import PhotonNoise
 
 @dataclass(frozen=True)
 class StatedError:
-    """The stated error relative to local brightness; where several parts are measured, that of the worst.
+    """The stated error relative to local brightness; if there are several groups of texels, that of the worst.
 
-    relative      root mean square over the best texels and over channels; nan before any photon
-    chosen        the same with Sum.doubt2, one standard error of the squared bias among it, for the stop rule: stopping at a small
-                  estimate selects one that is small by chance
-    direct        part of it from the variance of direct light by rays, which more photons do not reduce
-    photons       part of it from the photons' variance
-    correction    of variance_estimate.noise_correction
-    texel_direct2 gives (n,) float32: the squared part of direct light by rays at each texel, 0 where no error is measured
-    gathered, texel_gathered2   as direct and texel_direct2, of gathered light; None where there is none
-    indirect      mean share of a texel's light that photons bring
-    neighbours    of the nodes, for blending; None before any photon
-    parts         groups of texels with one error each
-    of_parts      (p,) float64: `chosen` of each, `direct` where there is no photon
-    of_objects    gives `relative`, or `direct`, of each object by its index, relative to its own brightness; objects of few texels are left
-                  out
+    relative          root mean square over the best texels and over channels; nan before any photon
+    chosen            the same with Sum.doubt2 added, for the stop rule: stopping at a small estimate selects one that is small by chance
+    direct            its part from the variance of direct light by rays, which more photons do not reduce
+    photons           its part from the photons' variance
+    correction        from variance_estimate.noise_correction
+    texel_direct2     returns (n,) float32: squared error of direct light by rays at each texel, 0 where no error is measured
+    gathered, texel_gathered2   as direct and texel_direct2, for gathered light; None without
+    indirect          mean share of photons in the light of a texel
+    neighbours        neighbours of the nodes, for blending; None before any photon
+    parts             groups of texels with one error each
+    of_parts          (p,) float64: `chosen` of each group, `direct` without photons
+    of_objects        returns `relative`, or `direct`, of each object by its index, relative to its own brightness; without objects of few
+                      texels
     """
 
     relative: float
@@ -77,13 +76,13 @@ def state_error(
     photon_w: NDArray[np.float64] | None = None,
     few: SpatialShrinkage | None = None,
 ) -> StatedError:
-    """Error of the leaves' light of a reading as it is shown, and of direct light by rays, 0 without.
+    """Error of the shown light: of leaves, of gathered light in their place, and of direct light by rays.
 
     smooth_grain   whether the leaves' light is shown filtered
-    gathered       light shown in place of the leaves'
-    metric         the sampled texels; None is a sample of all
-    photon_w       (3,), W, power of one photon: bounds the light that objects without photons may lack; None is 0
-    few            leaves of the reading that are shrunk towards their surroundings
+    gathered       gathered light, if there is any
+    metric         the sampled texels; None for a sample of all
+    photon_w       (3,), W: power of one photon, which bounds the light that objects without photons may lack; None for 0
+    few            leaves that are shrunk towards their surroundings
     """
     metric = metric or ErrorMetric.whole(texels)
     tree, solution, leaves, sample = reading.tree, reading.solution, reading.leaves, metric.entry
@@ -94,7 +93,7 @@ def state_error(
     rays = RayNoise(shown_direct.smoothing_at(sample), np.ones(len(sample), bool), direct2)
     if not reading.totals.photons.sum() or not len(sample):
         return _state_rays_alone(all_light, metric, rays, correction, texel_direct2)
-    # The pages show blended leaves, which have less variance than leaves; the error is sampled at enough texels for a stable mean.
+    # The pages show blended leaves, which have less variance than single ones.
     blend = Blend.of(texels, tree, solution, all_light.leaf, halves=True)
     alone, shown = blend.compare_at(sample)
     x, y = texels.own_points_at(sample)
@@ -151,7 +150,7 @@ def _state_rays_alone(
     correction: NDArray[np.float64],
     texel_direct2: Callable[[], NDArray[np.float32]],
 ) -> StatedError:
-    """As state_error, where there are no photons: variance of direct light by rays at the sampled texels."""
+    """As state_error without photons: only the error of direct light by rays at the sampled texels."""
     parts, light, weight = all_light.parts, all_light.at(metric.entry), all_light.weigh(metric.entry)
     of_parts = np.array([rays.find_error(weight, choose_lit(rows, light.any(axis=1))) for rows in parts.rows])
     return StatedError(
@@ -168,7 +167,7 @@ def _state_rays_alone(
 
 
 def _find_shown_variance(gathered: FilteredGather, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-    """(k, 3) float32, (W/m^2)^2: at texel entries (k,), 0 where leaves are shown."""
+    """(k, 3) float32, (W/m^2)^2: variance of gathered light at texel entries (k,), 0 where leaves are shown."""
     found: NDArray[np.float32] = gathered.light.variance_at(rows) * gathered.is_shown[rows, None]
     return found
 
@@ -176,8 +175,8 @@ def _find_shown_variance(gathered: FilteredGather, rows: NDArray[np.int64]) -> N
 def _mix_squares(
     noise: PhotonNoise, blend: Blend, squares: SubtexelLight, texels: TexelMap, sample: NDArray[np.int64], weight: NDArray[np.float32]
 ) -> None:
-    """The noise at the texels `sample` (m,) after mixing with squares, changed in place; weight (m, 3) of ReferenceLight.weigh."""
-    if len(texels.borders.entry):  # pages bring light over borders before mixing; here it is not brought, and would count as error
+    """Change the noise at texels `sample` (m,) to that after mixing with squares, in place; weight (m, 3) from ReferenceLight.weigh."""
+    if len(texels.borders.entry):  # pages move light over borders before mixing; here it is not moved, which would count as error
         squares = squares.only(np.flatnonzero(~texels.borders.crossed[squares.entry]))
     if not squares.are_reliable():
         return

@@ -1,4 +1,4 @@
-"""Squared error of the sampled texels relative to local brightness, by its source, and its means over some of them."""
+"""Squared errors of the sampled texels relative to local brightness, by source, and their means over groups of texels."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from .variance_estimate import PhotonNoise
 class Sum:
     """Mean squared relative errors over texels.
 
+    missing2   squared discretisation bias
     doubt2     standard error of missing2, and noise that coefficient shrinkage may not have removed
-    indirect   share of the light that photons bring
+    indirect   share of photons in the light
     """
 
     photons2: float
@@ -47,9 +48,9 @@ class Sum:
 class RayNoise:
     """Noise of light by rays at the texels of a sample (m,).
 
-    smoothing   effect of the filter there
-    is_shown        (m,) bool: where light by rays is shown
-    noise2      (m,): its variance, relative
+    smoothing   effect of the filter
+    is_shown    (m,) bool: where light by rays is shown
+    noise2      (m,): its relative variance
     """
 
     smoothing: SmoothedAt
@@ -61,18 +62,18 @@ class RayNoise:
         return RayNoise(self.smoothing.take(rows), self.is_shown[rows], self.noise2[rows] * factor)
 
     def sum_up(self, weight: NDArray[np.float32], best: NDArray[np.int64]) -> float:
-        """Mean over texels `best` of the sample: variance without the part that the filter found absent, and squared blur.
+        """Mean over texels `best` of the sample: variance, scaled by find_noise_share of the filter's changes, plus squared blur.
 
-        weight   (m, 3) of ReferenceLight.weigh
+        weight   (m, 3) from ReferenceLight.weigh
         """
         asked, noise2 = best[self.is_shown[best]], self.noise2[best]
         noise2[self.smoothing.is_smoothed[best]] *= self.smoothing.take(asked).find_noise_share(weight[asked])
         return _mean(noise2) + self._sum_up_blur(weight, best)
 
     def find_error(self, weight: NDArray[np.float32], rows: NDArray[np.int64]) -> float:
-        """Root of the mean over texels `rows` (k,) of the sample without the worst, where there is no other light.
+        """Root mean square over texels `rows` (k,) of the sample without the worst, for a bake without other light.
 
-        The noise is not reduced by what the filter found absent: measured, two_rooms would else state 0.75 of its error.
+        The variance is not scaled by find_noise_share: measured, two_rooms would then state 0.75 of its error.
         """
         if not len(rows):
             return 0.0
@@ -89,12 +90,12 @@ class RayNoise:
 class Terms:
     """Squared relative errors of the texels of a sample (m,).
 
-    light      (m, 3) of ReferenceLight.at
-    dark       of ReferenceLight
-    weight     (m, 3) of ReferenceLight.weigh
-    unseen2    (m,) of variance_estimate.find_unseen
-    gathered   None where no light is
-    indirect   (m, 3): share of its light that photons bring
+    light      (m, 3), from ReferenceLight.at
+    dark       as in ReferenceLight
+    weight     (m, 3), from ReferenceLight.weigh
+    unseen2    (m,), from variance_estimate.find_unseen
+    gathered   None without gathered light
+    indirect   (m, 3): share of photons in the light
     """
 
     light: NDArray[np.float32]
@@ -108,9 +109,9 @@ class Terms:
     indirect: NDArray[np.float32]
 
     def with_gathered(self, gathered: FilteredGather, sample: NDArray[np.int64]) -> Terms:
-        """The terms where gathered light is shown in place of the leaves'; the photons' noise is changed in place.
+        """The terms with gathered light shown instead of the leaves'; changes the photons' noise in place.
 
-        sample   (m,) int64: the texel entries
+        sample   (m,) int64: texel entries
         """
         shown, is_shown = gathered.light, gathered.is_shown[sample]
         noise2 = np.where(is_shown, (self.weight * shown.variance_at(sample)).mean(1), np.float64(0.0))
@@ -119,9 +120,9 @@ class Terms:
         return replace(self, unseen2=np.where(is_shown, 0.0, self.unseen2), bias=self.bias.without(is_shown), gathered=by_rays)
 
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
-        """Means over those of the texels `rows` (k,) that are lit, without the worst.
+        """Means over the lit texels among `rows` (k,), without the worst.
 
-        unseen   includes light that may have missed an object altogether, for errors by object
+        unseen   whether to include light that may have missed an object altogether, for errors by object
         """
         rows = choose_lit(rows, self.light.any(axis=1) | (unseen & (self.unseen2 > 0.0)))
         likely = self.noise.photons2[rows] + self.direct.noise2[rows] + self.bias.gap[rows]
@@ -140,7 +141,7 @@ class Terms:
         )
 
     def find_error_alone(self, rows: NDArray[np.int64]) -> float:
-        """Relative error of the texels `rows` (k,) against their own brightness only; approximate, for channels keep their weights."""
+        """Error of the texels `rows` (k,) relative to their own brightness only. Approximate, since channels keep their weights."""
         light = self.light[rows]
         own, factor = _weigh_alone(light, self.dark, self.weight[rows])
         direct, gathered = self.direct.take(rows, factor), self.gathered and self.gathered.take(rows, factor)
@@ -150,9 +151,9 @@ class Terms:
 
 
 def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """(k, 3): ReferenceLight.weigh of texels relative to their own light (k, 3), W/m^2, only; (k,): its mean over that of `weight` (k, 3).
+    """(k, 3): as ReferenceLight.weigh, relative to the texels' own light (k, 3), W/m^2; and (k,): its mean over that of `weight` (k, 3).
 
-    dark   of ReferenceLight
+    dark   as in ReferenceLight
     """
     scale2 = light**2 + find_dark2(light, dark)
     own = np.divide(np.float32(1.0), scale2, out=np.zeros_like(light), where=scale2 > 0.0)
@@ -162,7 +163,7 @@ def _weigh_alone(light: NDArray[np.float32], dark: float, weight: NDArray[np.flo
 def find_ray_error_alone(
     light: NDArray[np.float32], dark: float, weight: NDArray[np.float32], rays: RayNoise, rows: NDArray[np.int64]
 ) -> float:
-    """As Terms.find_error_alone, where there are no photons; arguments as the fields of Terms, rays of direct light."""
+    """As Terms.find_error_alone without photons; arguments are as the fields of Terms, `rays` as its direct light."""
     own, factor = _weigh_alone(light[rows], dark, weight[rows])
     return rays.take(rows, factor).find_error(own, choose_lit(np.arange(len(rows)), light[rows].any(axis=1)))
 

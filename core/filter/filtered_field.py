@@ -1,4 +1,4 @@
-"""Light by rays from texels as it is shown: filtered, with its remaining variance and blur."""
+"""Light by rays from texels after the filter, with its residual variance and blur."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
 from .denoise import Smoothed, Spread, begin_denoising
 
-# Relative noise above which light is filtered: the smaller of GRAIN and a share of the requested error. Measured at 0.6 %, gathered light
-# of three samples: with GRAIN alone bakes take 1.1 to 2.6 times as long, for errors of 0.95 to 1.04 times.
+# Relative noise above which light is filtered: the smaller of GRAIN and a share of the requested error. Measured with gathered light of
+# three samples at 0.6 %: with GRAIN alone bakes take 1.1 to 2.6 times as long, and their errors are 0.95 to 1.04 times as large.
 GRAIN, _GRAIN_SHARE = 0.005, 0.25
-# Factor on the neighbours' share of the remaining variance: weights depend on the noisy values, so that neighbours alike in noise reduce it
-# less. Measured over even light, ramps, edges and ripples with noise of 2 to 30 %, and where few texels are noisy at all: with this factor
-# and the blur the stated error is 0.7 to 1.4 of the real one.
+# Factor on the neighbours' share of the residual variance. Weights depend on the noisy values and favour neighbours with similar noise, so
+# the average reduces noise less. Measured on even light, ramps, edges and ripples with noise of 2 to 30 %, and with few noisy texels: with
+# this factor and the blur the stated error is 0.7 to 1.4 of the real one.
 _CHOSEN_BY_NOISE = 1.8
-# For the same reason the filtered value correlates with the texel's own noise by more than its weight: by this share of its variance or of
-# its neighbours', whichever is less. Calibrated to zero blur of even light over twenty pages, to 0.0005; a test repeats it. It depends on
-# window, patch and strictness of denoise.
+# For the same reason the filtered value correlates with the texel's own noise more than its weight says: additionally by this share of the
+# texel's variance or of its neighbours', whichever is less. Calibrated to zero blur of even light over twenty pages, to 0.0005; a test
+# repeats it. It depends on window, patch and strictness of nonlocal_means.
 _KEPT_BY_CHOICE = 0.0303
 _LEAST_NOISE_SHARE = 0.25  # measured: 0.4 to 0.7 for gathered light of the samples; less would be correlated errors
 _CHUNK = 1 << 16  # texels at a time, for the cache
@@ -36,14 +36,14 @@ def find_grain(error: float) -> float:
 
 @dataclass(frozen=True)
 class FilteredField:
-    """Direct light at the texel entries, and the filtered values apart, for few texels of a large page are filtered.
+    """Light at the texel entries. Filtered values are stored apart, since few texels of a large page are filtered.
 
-    found       (n, 3) float32, W/m^2: not filtered
+    found       (n, 3) float32, W/m^2: light before the filter
     noise       (n, 3) float32, (W/m^2)^2: its variance
     entry       (m,) int32, ascending: filtered texels
     smooth      (m, 3) float32, W/m^2: filtered light there
-    left        (m, 3) float32, (W/m^2)^2: its remaining variance
-    blur2       (m, 3) float32, (W/m^2)^2: squared change by the filter less that from noise; may be negative, the mean counts if positive
+    left        (m, 3) float32, (W/m^2)^2: its residual variance
+    blur2       (m, 3) float32, (W/m^2)^2: squared change by the filter minus the change expected from noise. Only its mean is meaningful
     """
 
     found: NDArray[np.float32]
@@ -55,7 +55,7 @@ class FilteredField:
 
     @classmethod
     def plain(cls, irradiance: NDArray[np.float32], variance: NDArray[np.float32]) -> FilteredField:
-        """Light without filter; arguments as the first fields."""
+        """Light without filter; arguments are as the first fields."""
         return cls(irradiance, variance, np.zeros(0, np.int32), *np.zeros((3, 0, 3), np.float32))
 
     @classmethod
@@ -68,10 +68,11 @@ class FilteredField:
         by_quads: NDArray[np.bool_] | None = None,
         least: float = GRAIN,
     ) -> Callable[[], FilteredField]:
-        """Start the filter; the result finishes it when called, once, and until then the arrays must not change. Arguments as the fields.
+        """Start the filter. Calling the result, once, finishes it; until then the arrays must not change.
 
-        by_quads   (n,) bool: texels estimated for a quad at once; None is none
-        least      relative noise of texels that are filtered, of find_grain
+        irradiance, variance   as `found` and `noise`
+        by_quads               (n,) bool: texels that were estimated by quads; None for none
+        least                  relative noise above which texels are filtered, from find_grain
         """
         level = irradiance.mean() + 1e-30
         grainy = np.empty(len(irradiance), bool)
@@ -91,12 +92,12 @@ class FilteredField:
         left, blur2 = np.empty((2, len(changed), 3), np.float32)
         for start in range(0, len(changed), _CHUNK):
             part = slice(start, start + _CHUNK)
-            # One long row in place of rows of three, for numpy is several times faster with it.
+            # numpy is several times faster on one long row than on rows of three.
             noise, light = (values.take(entry[part], axis=0).ravel() for values in (variance, irradiance))
             noise_left, own_share = found.variance.take(changed[part], axis=0).ravel(), np.repeat(found.own_share.take(changed[part]), 3)
-            nearby = noise_left / own_share  # of the neighbours it was averaged with
+            nearby = noise_left / own_share  # variance of the neighbours that were averaged
             kept = np.minimum(own_share * noise + _KEPT_BY_CHOICE * np.minimum(noise, nearby), noise)
-            # Noise alone makes E change^2 = noise - 2 kept + noise_left.
+            # For pure noise, E[change^2] = noise - 2 kept + noise_left.
             blur2[part].reshape(-1)[:] = (smooth[part].ravel() - light) ** 2 - (noise - 2.0 * kept) - noise_left
             left[part].reshape(-1)[:] = noise_left + (_CHOSEN_BY_NOISE - 1.0) * np.maximum(noise_left - own_share**2 * noise, 0.0)
         return cls(irradiance, variance, entry, smooth, left, blur2)
@@ -120,11 +121,11 @@ class FilteredField:
         return float(self.found.sum(dtype=np.float64)) + float(change.sum(dtype=np.float64))
 
     def irradiance_at(self, rows: IntArray) -> NDArray[np.float32]:
-        """(k, 3) float32, W/m^2: the shown light at some entries (k,)."""
+        """(k, 3) float32, W/m^2: the shown light at entries (k,)."""
         return self._take(self.found[rows], self.smooth, rows)
 
     def variance_at(self, rows: IntArray) -> NDArray[np.float32]:
-        """(k, 3) float32, (W/m^2)^2: variance of the shown light there."""
+        """(k, 3) float32, (W/m^2)^2: variance of the shown light at entries (k,)."""
         return self._take(self.noise[rows], self.left, rows)
 
     def blur2_at(self, rows: IntArray) -> NDArray[np.float32]:
@@ -132,14 +133,14 @@ class FilteredField:
         return self._take(np.zeros((len(rows), 3), np.float32), self.blur2, rows)
 
     def smoothing_at(self, rows: IntArray) -> SmoothedAt:
-        """The filter's effect at some entries (k,)."""
+        """The filter's effect at entries (k,)."""
         is_smoothed = self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
         return SmoothedAt(self.irradiance_at(rows) - self.found[rows], self.blur2_at(rows), is_smoothed)
 
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
-        """Values `plain` (k, c) of entries `rows`, replaced in place by those of `changed` (m, c) where light was filtered."""
+        """Values `plain` (k, c) at entries `rows`, replaced in place by those of `changed` (m, c) where light was filtered."""
         if len(self.entry):
-            place = np.searchsorted(self.entry, rows.astype(np.int32, copy=False))  # other types would convert all entries
+            place = np.searchsorted(self.entry, rows.astype(np.int32, copy=False))  # with another type numpy would convert self.entry
             smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows)
             plain[smoothed] = changed[place[smoothed]]
         return plain
@@ -147,10 +148,10 @@ class FilteredField:
 
 @dataclass(frozen=True)
 class SmoothedAt:
-    """The filter's effect at some texels (k,).
+    """The filter's effect at texels (k,).
 
-    change        (k, 3) float32, W/m^2
-    blur2         (k, 3) float32, (W/m^2)^2: of FilteredField
+    change        (k, 3) float32, W/m^2: filtered light minus light before
+    blur2         (k, 3) float32, (W/m^2)^2: as in FilteredField
     is_smoothed   (k,) bool
     """
 
@@ -159,13 +160,13 @@ class SmoothedAt:
     is_smoothed: NDArray[np.bool_]
 
     def take(self, rows: IntArray) -> SmoothedAt:
-        """The same at some of them."""
+        """The effect at the texels `rows`."""
         return SmoothedAt(self.change[rows], self.blur2[rows], self.is_smoothed[rows])
 
     def find_noise_share(self, weight: NDArray[np.float32]) -> float:
-        """Real over stated noise, squared, as seen from the filter's changes; at most 1, for any excess is blur.
+        """Real over estimated variance, from the squared change by the filter over the expected one; at most 1, since any excess is blur.
 
-        The variance of a texel's few rays overstates the noise, for it leaves out the gain of stratification.
+        The sample variance of a texel's few rays overestimates the variance, since it ignores the gain by stratification.
 
         weight   (k, 3) float32, factor of squares
         """
@@ -175,18 +176,18 @@ class SmoothedAt:
 
 
 def _add_channels(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n,) float32: sums of (n, 3), three times as fast as numpy's own."""
+    """(n,) float32: sums over the last axis of (n, 3), three times as fast as numpy's sum."""
     total: NDArray[np.float32] = values[:, 0] + values[:, 1] + values[:, 2]
     return total
 
 
 @dataclass(frozen=True)
 class FilteredGather:
-    """Gathered light at the texel entries as it is shown.
+    """Gathered light at the texel entries after the filter.
 
-    light      its irradiance and the variance by the choice of rays
+    light      its irradiance, and the variance from the choice of rays
     doubt2     (n,) float32, (W/m^2)^2: squared error from the photons whose light was gathered
-    is_shown   (n,) bool: where it is all of the indirect light
+    is_shown   (n,) bool: texels whose indirect light is the gathered one
     """
 
     light: FilteredField

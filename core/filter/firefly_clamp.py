@@ -1,6 +1,7 @@
-"""Clamping of bright specks from few photons on small leaves, in the shown light.
+"""Clamping of fireflies: bright specks from few photons on small leaves, in the shown light.
 
-Photons split near a corner fall close together on the wall beside it. They are correlated, but the variance counts them as independent.
+Photons that split near a corner fall close together on the wall beside it. They are correlated, but the variance counts them as
+independent.
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ from ..texels.texel_map import TexelMap
 from ..util.ablation import uses
 from ..util.arrays import IntArray
 
-_SIDE = 4  # texels, of the largest leaf that may be a fleck, and how far is looked around it
-# Measured on bent_quads, furnished_room and instances at 1 and 4 M photons: none errs more for it. Without the factor, and with leaves
-# that are darker than all around lifted too, bent_quads' error grew by a tenth.
+_SIDE = 4  # texels: side of the largest leaf that may be a firefly, and radius of the window around it
+# A firefly is so many times as bright as all texels around. Measured on bent_quads, furnished_room and instances at 1 and 4 M photons: it
+# increases no error. Without the factor, and with leaves darker than all around lifted as well, bent_quads' error grew by a tenth.
 _BRIGHTER = 1.5
-_NOISY = 0.15  # standard error over light: of some 40 photons
-# With more photons a leaf is a fleck only if it is brighter yet, by the cube of the ratio of standard errors, for split photons understate
-# it: with 60 photons (0.13) 2.3 times as bright as all around, with 100 5 times. Leaves with a smaller standard error are kept.
+_NOISY = 0.15  # relative standard error, that of some 40 photons
+# With more photons, _BRIGHTER is multiplied by the cube of the ratio of standard errors, since split photons understate these: a leaf with
+# 60 photons (0.13) must be 2.3 times as bright as all around, with 100 photons 5 times. Leaves with a smaller standard error stay.
 _SURE = 0.09
-_ENOUGH = 16  # texels around
-_AROUND = ((_SIDE, 0), (-_SIDE, 0), (0, _SIDE), (0, -_SIDE))  # where it is looked first
+_ENOUGH = 16  # texels around a firefly
+_AROUND = ((_SIDE, 0), (-_SIDE, 0), (0, _SIDE), (0, -_SIDE))  # texels of a first, quick test
 
 
 def clip_flecks(
@@ -33,12 +34,12 @@ def clip_flecks(
     side: NDArray[np.int32],
     texels: TexelMap,
 ) -> None:
-    """Takes texels of leaves of few photons that are far brighter than all around down to the brightest there, in place.
+    """Clamp texels of leaves with few photons that are far brighter than all texels around to the brightest of these, in place.
 
-    light      (n, 3) float32, of the texel entries, as is variance
-    leaf       (n,) int: which each is on, and side (n,) int32 that leaf's side, texels
+    light, variance   (n, 3) float32, at the texel entries
+    leaf, side        (n,) int: leaf of each entry, and (n,) int32: its side, texels
 
-    Around counts what is better known, where there is enough of it. With more photons a leaf is believed: in the end this changes nothing.
+    Only less noisy texels around count, if there are enough of them. Leaves with more photons are not clamped, so the clamp is consistent.
     """
     if not uses("firefly_clamp"):
         return
@@ -54,9 +55,9 @@ def clip_flecks(
     for step in _AROUND:
         near, other = _find_beside(small, step, leaf, texels)
         seen[near] = np.maximum(seen[near], light[other].sum(axis=1) * ~is_noisy[other])
-    likely = np.flatnonzero(own > brighter * seen)  # few are: all others are left before they are looked at closely
+    likely = np.flatnonzero(own > brighter * seen)  # only these few need the full test
     small, own, brighter = small[likely], own[likely], brighter[likely]
-    brightest, count = np.zeros((2, len(small)), np.float32), np.zeros((2, len(small)), np.int64)  # of all, and of what is not noisy
+    brightest, count = np.zeros((2, len(small)), np.float32), np.zeros((2, len(small)), np.int64)  # of all around; of those not noisy
     steps = range(-_SIDE, _SIDE + 1)
     for dy, dx in product(steps, steps):
         near, other = _find_beside(small, (dy, dx), leaf, texels)
@@ -66,14 +67,14 @@ def clip_flecks(
             count[kind, some] += 1
     is_known = count[1] >= _ENOUGH
     most = np.where(is_known, brightest[1], brightest[0])
-    fleck = np.flatnonzero((own > brighter * most) & (most > 0.0) & (count[0] >= _ENOUGH))  # in the dark, light is light
+    fleck = np.flatnonzero((own > brighter * most) & (most > 0.0) & (count[0] >= _ENOUGH))  # light among dark texels stays
     light[small[fleck]] *= (most[fleck] / own[fleck])[:, None]
 
 
 def _find_beside(
     entry: NDArray[np.intp], step: tuple[int, int], leaf: IntArray, texels: TexelMap
 ) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Which of the entries (m,) have another leaf of their chart so many rows and columns away, (k,), and the entry there (k,)."""
+    """Rows (k,) of entries (m,) that have another leaf of their chart at an offset of (rows, columns), and the entries (k,) there."""
     chart = texels.texel_chart[entry]
     column, row = (texels.texel_xy[entry] + np.array(step[::-1], np.int32)).T
     near = np.flatnonzero((np.minimum(row, column) >= 0) & (np.maximum(row, column) < texels.page_size))

@@ -11,17 +11,17 @@ from ..radiosity.quadtree import Quadtree
 from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
 
-_ALONG = 4  # places looked at beside each side of a leaf
+_ALONG = 4  # texels tested along each side of a leaf
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """For each leaf, the leaves of its chart, or of the same piece before it was cut, that share a side or a corner with it.
+    """For each leaf, the leaves that share a side or a corner with it, on its chart or on another chart of the same piece.
 
-    start   (n_node + 1,) int64: other[start[k] : start[k + 1]] are those of node k
+    start   (n_node + 1,) int64: other[start[k] : start[k + 1]] are the neighbours of node k
     other   (p,) int32
-    around  (p,) bool: its square holds that of the node, as may be where a piece of a chart was cut
-    within  (p,) bool: its square lies in that of the node
+    around  (p,) bool: the neighbour's square contains that of the node, which may occur where a chart was cut
+    within  (p,) bool: the neighbour's square lies within that of the node
     """
 
     start: NDArray[np.int64]
@@ -31,9 +31,9 @@ class Neighbours:
 
     @classmethod
     def of(cls, tree: Quadtree, leaf: NDArray[np.int32], texels: TexelMap) -> Neighbours:
-        """Neighbours are searched right beside each leaf, which finds those as large or larger; smaller ones find the leaf.
+        """Find neighbours at texels right beside each leaf. That finds leaves as large or larger; smaller ones find this leaf.
 
-        leaf   (n,) int32, of each texel entry
+        leaf   (n,) int32: leaf of each texel entry
         """
         is_leaf = np.zeros(len(tree), bool)
         is_leaf[leaf] = True
@@ -53,17 +53,17 @@ class Neighbours:
             other = leaf.take(np.maximum(entry, 0))
             touches = (entry >= 0) & (piece.take(other) == piece[own])
             cut = np.flatnonzero(touches & (tree.chart.take(other) != chart))
-            if len(cut):  # where two charts were one, from a texel of the leaf itself, and not through what stands there
+            if len(cut):  # across a cut: only from a texel of the leaf itself, and if no surface stands between
                 nearest = np.stack([np.clip(step[cut], 0, side[cut] - 1) for step in (right, up)])
                 at = (first_row[cut] + y[cut] + nearest[1]) * size + x[cut] + nearest[0]
                 touches[cut] = _is_open(own[cut], flat.take(at, mode="clip"), entry[cut], leaf, texels)
             pairs += [own[touches] * len(tree) + other[touches], other[touches].astype(np.int64) * len(tree) + own[touches]]
         nodes, others = np.divmod(np.unique(np.concatenate(pairs)), max(len(tree), 1))
-        around, within = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))  # nodes of one square are not paired
+        around, within = (_holds(tree, *pair) for pair in ((others, nodes), (nodes, others)))  # a pair of equal squares would be both
         return cls(np.searchsorted(nodes, np.arange(len(tree) + 1)), others.astype(np.int32), around, within)
 
     def list_pairs(self, node: IntArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows (k,) of node (m,), ascending, and the places (k,) of the neighbours of each in the fields."""
+        """Pairs of nodes (m,) with their neighbours: (k,) rows of `node`, ascending, and (k,) indices into `other`."""
         first = self.start[node]
         count = self.start[node + 1] - first
         row = np.repeat(np.arange(len(node)), count)
@@ -71,14 +71,14 @@ class Neighbours:
 
 
 def _holds(tree: Quadtree, outer: IntArray, inner: IntArray) -> NDArray[np.bool_]:
-    """(m,) bool: whether squares of nodes (m,) hold those of others (m,)."""
+    """(m,) bool: whether the squares of nodes outer (m,) contain those of nodes inner (m,)."""
     from_corner = tree.origin[inner] - tree.origin[outer]
     held: NDArray[np.bool_] = ((from_corner >= 0) & (from_corner + tree.side[inner, None] <= tree.side[outer, None])).all(axis=1)
     return held
 
 
 def _is_open(own: IntArray, near: IntArray, far: IntArray, leaf: NDArray[np.int32], texels: TexelMap) -> NDArray[np.bool_]:
-    """(m,) bool: whether texel entries `near` (m,), -1 for none, are of leaves `own` (m,), and nothing stands between them and `far`."""
+    """(m,) bool: whether texel entries `near` (m,), -1 for none, lie on leaves `own` (m,), and no surface stands between them and `far`."""
     is_open: NDArray[np.bool_] = (near >= 0) & (leaf.take(np.maximum(near, 0)) == own)
     borders = texels.borders
     if not len(borders.entry):
@@ -86,7 +86,7 @@ def _is_open(own: IntArray, near: IntArray, far: IntArray, leaf: NDArray[np.int3
     rows = np.flatnonzero(is_open)
     rows = rows[borders.crossed[near[rows]] | borders.crossed[far[rows]]]
     aslant = (texels.texel_xy[far[rows]] != texels.texel_xy[near[rows]]).all(axis=1)
-    is_open[rows[aslant]] = False  # the corner of a room is crossed on one side only
+    is_open[rows[aslant]] = False  # at the corner of a room only one of the two is crossed
     rows = rows[~aslant]
     rows = rows[borders.crossed[near[rows]]]
     is_open[rows] = ~(borders.other[:, np.searchsorted(borders.entry, near[rows])] == far[rows]).any(axis=0)

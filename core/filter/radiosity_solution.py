@@ -21,10 +21,11 @@ from .subtexel_tally import SubtexelLight
 class RadiositySolution:
     """Solution on the nodes of a tree, which may have grown since.
 
-    solution     of the leaves, of the comparison nodes of their error estimate, of compared nodes, and of all nodes above
-    comparison   of nodes with their children
+    solution     irradiance of leaves, of the comparison nodes of their error estimate, of nodes compared with their children, and of all
+                 ancestors of these
+    comparison   comparison of nodes with their children
     leaves       (m,) int64: the nodes to show, which tile the charts
-    risk         (m,) float64 of each leaf, of coefficient_shrinkage.shrink_leaves; None where they are not shrunk
+    risk         (m,) float64 of each leaf, from coefficient_shrinkage.shrink_leaves; None without shrinkage
     squares      tallies that the leaves' light is mixed with; None for none
     """
 

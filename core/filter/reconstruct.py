@@ -1,11 +1,10 @@
 """Light at texels from the functions of leaves, blended across their edges.
 
 Weights are a partition of unity: each leaf's share of a window about as wide as the smaller of two touching leaves. Linear light stays
-linear, and a step within noise becomes a ramp. A significant step is an edge of light and stays; indirect light has few edges, so that its
-steps stay only where they are large and no chart was cut. Nothing is blended over a chart's border.
+linear, and a step within noise becomes a ramp. A significant step is an edge of light and stays. Indirect light has few edges, so its
+steps also become ramps within a chart unless they are large. Nothing is blended over the border of a chart, except over cuts of a piece.
 
 Source: Babuska & Melenk 1997 for partitions of unity; a step is tested by a z-test of the two leaves' values.
-two leaves' values.
 """
 
 from __future__ import annotations
@@ -29,24 +28,24 @@ from .neighbours import Neighbours
 
 Float64: TypeAlias = NDArray[np.float64]
 
-# Steps below the first number of standard errors are noise, above the second light; between them the weight is linear.
+# A step below the first number of standard errors is noise, above the second it is an edge; between them the weight is linear.
 _NOISE_SIGMAS, _LIGHT_SIGMAS = 3.0, 5.0
-# Relative steps of indirect light, over the mean of both leaves: below the first it is curvature that neither leaf holds, above the second
-# an edge, as between the two sides of a wall that no chart was cut for.
+# Relative steps of indirect light, over the mean of both leaves: below the first, a step is curvature that neither leaf represents; above
+# the second it is an edge, as at a wall along which no chart was cut.
 _SMOOTH_STEP, _SHARP_STEP = 0.4, 0.8
-_CELLS = 8  # side by side in a large leaf: see Blend.range
+_CELLS = 8  # lattice cells per side of a large leaf: see Blend.range
 _LARGE_SIDE, _LARGE_TEXELS = 16, 128
 _BELOW_END = np.nextafter(float(_CELLS), 0.0)
-_TILES_TOGETHER = 1 << 8  # with more a BLAS would start threads
-_TOGETHER = 1 << 12  # places blended at once, for a core's cache
+_TILES_TOGETHER = 1 << 8  # with more, BLAS would start threads
+_TOGETHER = 1 << 12  # points blended at once, for a core's cache
 
 
 @dataclass(frozen=True)
 class PointLight:
     """Light at points.
 
-    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may be below zero at the edge of a shadow. During blending
-                 (1, 3, m) where there is no direct component
+    irradiance   (2, 3, m) float64, W/m^2: per component (or half) and channel; may be negative at the edge of a shadow. During blending
+                 (1, 3, m) if there is no direct component
     variance     (3, m) float64, (W/m^2)^2, of both components together
     """
 
@@ -78,9 +77,9 @@ def node_coordinates(tree: Quadtree, node: NDArray[Any], x: Float64, y: Float64)
 
 @dataclass(frozen=True)
 class Blend:
-    """Leaves (n,) int32 at all texel entries, with the neighbours to blend them with.
+    """Leaves (n,) int32 at all texel entries, with the neighbours that they are blended with.
 
-    halves   blends the dual buffers in place of the components
+    halves   whether the dual buffers are blended instead of the components
     """
 
     texels: TexelMap
@@ -92,7 +91,7 @@ class Blend:
 
     @classmethod
     def of(cls, texels: TexelMap, tree: Quadtree, solution: Solution, leaf: NDArray[np.int32], halves: bool = False) -> Blend:
-        """Arguments as the fields."""
+        """Arguments are as the fields."""
         return cls(texels, tree, solution, leaf, Neighbours.of(tree, leaf, texels), halves)
 
     def at(self, entry: NDArray[Any]) -> PointLight:
@@ -100,14 +99,14 @@ class Blend:
         return self.compare_at(entry)[1]
 
     def compare_at(self, entry: NDArray[Any]) -> tuple[PointLight, PointLight]:
-        """Light at texel entries (m,): that of the leaf alone, and blended."""
+        """Light at texel entries (m,): of the leaf alone, and blended."""
         alone, blended = self._blend(self.leaf[entry], *self.texels.own_points_at(entry))
         return PointLight(with_direct(alone.irradiance), alone.variance), PointLight(with_direct(blended.irradiance), blended.variance)
 
     def range(self, start: int, stop: int) -> PointLight:
-        """Light at the entries start ... stop - 1; in large leaves the change by blending is interpolated on a lattice.
+        """Light at the entries start ... stop - 1. In large leaves the change by blending is interpolated on a lattice.
 
-        Over a tile of texels within a lattice cell light is quadratic, and is interpolated from a few of them.
+        Over a tile of texels within a lattice cell light is then quadratic, and is interpolated from a few texels.
         """
         count, first = stop - start, self._find_smooth_tiles(start, stop)
         out = PointLight(np.zeros((2, 3, count)), np.zeros((3, count)))
@@ -123,14 +122,14 @@ class Blend:
         ):
             place = rows[some]
             for values, of_part in ((out.irradiance[-len(part.irradiance) :], part.irradiance), (out.variance, part.variance)):
-                for term in np.ndindex(of_part.shape[:-1]):  # one by one several times faster
+                for term in np.ndindex(of_part.shape[:-1]):  # several times faster than all at once
                     values[term][place] = of_part[term]
         return out
 
     def _find_smooth_tiles(self, start: int, stop: int) -> NDArray[np.int64]:
-        """(m,) int64: first entries of tiles that lie in one cell of a leaf's lattice, all those with a texel in the range."""
+        """(m,) int64: first entries of all tiles that have texels in the range and lie in one cell of a leaf's lattice."""
         texels = self.texels
-        if self.tree.degree > 1:  # the variance is of degree 4
+        if self.tree.degree > 1:  # the variance would be of degree 4
             return np.zeros(0, np.int64)
         low, high = max(start - TILE_TEXELS + 1, 0), min(stop + TILE_TEXELS - 1, len(self.leaf))
         first = low + find_tiles(texels.texel_chart[low:high], texels.texel_code[low:high])
@@ -142,9 +141,9 @@ class Blend:
     def _fill_tiles(
         self, row: NDArray[np.int64], leaf: NDArray[np.int32], xy: NDArray[np.int32], out: PointLight, alone: NDArray[np.bool_]
     ) -> None:
-        """Fill in the light of tiles, given the rows (m,) of `out`, the leaves (m,) and the places (m, 2) of their first texels.
+        """Fill in the light of tiles, given the rows (m,) in `out`, leaves (m,) and page texels (m, 2) of their first texels.
 
-        alone   rows of `out` that no tile has filled
+        alone   (n,) bool: rows of `out` that no tile has filled; updated
         """
         x, y = ((xy[:, axis, None] + (part_bits(TILE_NODES)[axis] + 0.5)).ravel() for axis in (0, 1))
         nodes = self._on_lattice(np.repeat(leaf, len(TILE_NODES)), x, y)
@@ -162,19 +161,19 @@ class Blend:
 
     @cached_property
     def _has_edges(self) -> bool:
-        """Whether photons carry direct light anywhere; by the components also where halves are blended."""
+        """Whether photons carry direct light anywhere. The components decide, even if halves are blended."""
         return bool(self.solution.coefficient[0].any())
 
     @cached_property
     def _coefficients(self) -> Float64:
-        """(C, 3, K, n_node) float64: of the components or halves, without an empty direct component."""
+        """(C, 3, K, n_node) float64: coefficients of the components or halves, without an empty direct component."""
         if self.halves:
             return self.solution.half
         return self.solution.coefficient[0 if self._has_edges else 1 :]
 
     @cached_property
     def _is_large(self) -> NDArray[np.bool_]:
-        """(n_node,) bool: leaves of many more texels than lattice points."""
+        """(n_node,) bool: nodes with many more texels than lattice points."""
         return (self.tree.side >= _LARGE_SIDE) & (self.tree.end - self.tree.start >= _LARGE_TEXELS)
 
     def _on_lattice(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> PointLight:
@@ -217,7 +216,7 @@ class Blend:
         return light
 
     def _blend(self, leaf: NDArray[np.int32], x: Float64, y: Float64) -> tuple[PointLight, PointLight]:
-        """Light at places (m,) on leaves (m,): of the leaf alone, and blended."""
+        """Light at points (m,) on leaves (m,): of the leaf alone, and blended."""
         parts = [
             self._blend_part(leaf[start : start + _TOGETHER], x[start : start + _TOGETHER], y[start : start + _TOGETHER])
             for start in range(0, max(len(leaf), 1), _TOGETHER)
@@ -238,7 +237,7 @@ class Blend:
         own_reach, row, other, reach = find_shares(self.tree, self.neighbours, leaf, x, y)
         theirs = self._evaluate_leaf(other, x[row], y[row])
         own_variance, variance = own.variance.mean(0)[row], theirs.variance.mean(0)
-        mean = 0.5 if self.halves else 1.0  # components add up to the light, each half estimates all of it
+        mean = 0.5 if self.halves else 1.0  # components add up to the light, while each half estimates all of it
         mine, others = (mean * of.irradiance.sum(0).mean(0) for of in (own, theirs))
         step, noise = np.abs(others - mine[row]), np.sqrt(own_variance + variance)
         sigmas = np.divide(step, noise, out=np.where(step == 0.0, 0.0, np.inf), where=noise > 0.0)
@@ -247,10 +246,10 @@ class Blend:
             level = 0.5 * (np.abs(mine[row]) + np.abs(others))
             relative = np.divide(step, level, out=np.zeros_like(step), where=level > 0.0)
             smooth = np.clip((_SHARP_STEP - relative) / (_SHARP_STEP - _SMOOTH_STEP), 0.0, 1.0)
-            smooth[self.tree.chart[leaf[row]] != self.tree.chart[other]] = 0.0  # charts may touch at a door and along its wall
+            smooth[self.tree.chart[leaf[row]] != self.tree.chart[other]] = 0.0  # such charts may touch along a wall, not only at its door
             goes_over = np.maximum(goes_over, smooth)
         reach *= goes_over
-        # Weights go as 1 / sqrt(variance). Inverse variance would favour leaves of dim photons, whose variance is lowest.
+        # Weights are proportional to 1 / sqrt(variance). Inverse variance would favour leaves with dim photons, whose variance is lowest.
         reach *= np.sqrt(np.divide(own_variance, variance, out=np.ones(len(row)), where=(own_variance > 0.0) & (variance > 0.0)))
         whole = own_reach + np.bincount(row, reach, len(leaf))
 

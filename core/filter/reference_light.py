@@ -26,7 +26,7 @@ class ReferenceLight:
     """Light by photons and by rays.
 
     leaf         (n,) int32: the node of each texel entry
-    node_light   (n_node, 3) float32, W/m^2
+    node_light   (n_node, 3) float32, W/m^2: mean light by photons
     direct       light by rays
     dark         W/m^2: floor of the reference level of a texel, for the bake as a whole
     parts        groups of texels with one error each
@@ -82,6 +82,6 @@ class ReferenceLight:
         return found
 
     def relate_all(self, variance_at: VarianceAt) -> NDArray[np.float32]:
-        """The same at all texel entries."""
+        """(n,) float32: `relate` at all texel entries."""
         parts = (np.arange(part.start, part.stop) for part in cut_entries(len(self.leaf)))
         return np.concatenate([np.zeros(0, np.float32), *(self.relate(variance_at, part) for part in parts)])

@@ -1,8 +1,8 @@
-"""Closing of seams: on each side, bilinear filtering reads the same point of a surface from other texels.
+"""Closes seams, where bilinear filtering reads the same point of a surface from different texels on both sides.
 
-Points along seams are read bilinearly, and a least squares problem moves the texels around them as little as possible for as small steps
-as possible. Its weights are inverse squares of each texel's uncertainty: empty texels beside a chart, which filtering reads too, move
-most, then those whose centre the chart does not cover; the others by little more than their noise.
+A least squares problem changes the texels along seams so that points on them get equal bilinear values, with as little change as possible.
+Its weights are inverse squares of each texel's uncertainty: empty texels beside a chart, which filtering reads too, change most, then
+texels whose centres the chart does not cover; all others by little more than their noise.
 
 Source: Sylvan 2015, "Fixing lightmap seams"; Iwanicki 2013, "Lighting technology of The Last of Us"; Ray, Nivoliers, Lefebvre &
 Levy 2010, "Invisible seams".
@@ -26,31 +26,31 @@ Float64: TypeAlias = NDArray[np.float64]
 Int32: TypeAlias = NDArray[np.int32]
 Int64: TypeAlias = NDArray[np.int64]
 
-# Uncertainty, relative to the light there plus _FLOOR of its mean ...
-_STEP = 0.02  # between both sides of a point
+# Uncertainties relative to the local light plus _FLOOR times the mean light:
+_STEP = 0.02  # of the step between both sides of a point
 _CENTRE = 0.02  # of a texel whose centre a chart covers, besides its noise
 _EMPTY = 0.1  # of an empty texel, which is the mean of its neighbours
 _FLOOR = 0.1
-# ... and relative to the spread of texels around, which estimates the gradient of light
-_SPREAD_PART = 0.6  # a texel whose sample lies half a texel from its centre
-_SPREAD_EMPTY = 2.0  # an empty one, which lies more than a texel away from those that it is the mean of
+# Uncertainties relative to the standard deviation of the texels around, which estimates the gradient of light:
+_SPREAD_PART = 0.6  # of a texel whose sample lies half a texel from its centre
+_SPREAD_EMPTY = 2.0  # of an empty texel, which lies more than a texel from those whose mean it is
 _REACH = 2  # texels around
-_GRAIN = 0.5  # of a texel's standard error, which is stated before the filter
-_MOST_SIGMAS = 3.0  # a step above so many times the uncertainty of both sides is an edge of light: something touches the seam
+_GRAIN = 0.5  # factor on a texel's standard error, which is that before the filter
+_MOST_SIGMAS = 3.0  # a step above so many times the uncertainty of both sides is an edge of light, as where something touches the seam
 _AROUND = tuple(sorted(product(range(-_REACH, _REACH + 1), repeat=2), key=lambda step: max(map(abs, step))))
-_FARTHEST = 2.0  # greatest move of a texel over its uncertainty
+_FARTHEST = 2.0  # greatest change of a texel over its uncertainty
 _ITERATIONS = 40  # at most
-_RESIDUAL = 1e-3  # relative, at which the iterations end
+_RESIDUAL = 1e-3  # relative residual at which the iterations end
 _DARKEST = 1e-30  # W/m^2
 
 
 @dataclass(frozen=True)
 class EmptyTexels:
-    """Texels beside charts with light of their own, from which the margin is filled on.
+    """Texels beside charts that get light of their own; the margin is filled from them.
 
     page     (m,) int32
-    xy       (m, 2) int64   page texel
-    tri      (m,) int32     what surface they show
+    xy       (m, 2) int64, page texel
+    tri      (m,) int32: triangle whose surface they show
     weight   (m, 2) float32, of its corners 1 and 2
     light    (k, m, 3) float32, W/m^2
     """
@@ -67,7 +67,7 @@ _NO_TEXELS = np.zeros(0, np.int32), np.zeros((0, 2), np.int64), np.zeros(0, np.i
 
 @dataclass(frozen=True)
 class SeamReport:
-    """Report: edges matched, texels that could move, and RMS steps over their points, relative to the light there."""
+    """Number of edges, number of covered texels that may change, and RMS steps at points of seams relative to the local light."""
 
     edges: int
     texels: int
@@ -78,7 +78,7 @@ class SeamReport:
 def match_seams(
     points: SeamPoints, light: Sequence[Float32], stderr: Float32, is_central: NDArray[np.bool_], entry_at: Int32
 ) -> tuple[list[Float32], EmptyTexels, SeamReport]:
-    """The light with seams closed, light for empty texels beside them, and a report; needs at least one point.
+    """The light with seams closed, light for empty texels beside them, and a report. There must be at least one point.
 
     light        parts of the light at the texel entries, each (n, 3) float32, W/m^2
     stderr       (n, 3) float32, W/m^2, of their sum
@@ -87,7 +87,7 @@ def match_seams(
     """
     parts = len(light)
     system, entry = _System.of(points, is_central, entry_at)
-    if not len(entry):  # no chart covers a texel there
+    if not len(entry):  # no chart covers a texel near the points
         none = EmptyTexels(*_NO_TEXELS, np.zeros((parts, 0, 3), np.float32))
         return [part.copy() for part in light], none, SeamReport(points.n_edge, 0, 0.0, 0.0)
     near = np.stack([part.take(entry, axis=0) for part in light])
@@ -107,14 +107,15 @@ def match_seams(
 
 @dataclass(frozen=True)
 class _System:
-    """Texels that can move, and how points on seams read them.
+    """The least squares problem: texels that may change, and how points on seams read them.
 
-    size             texels, of a page's side
-    cell             (v,) int64      texel of all pages together
+    size             side of a page, texels
+    cell             (v,) int64: flat index of each such texel among those of all pages
     covered          (v,) bool
-    central          (v,) bool       covered, and so is its centre
-    near             (v, 25) int32   rows of the texels around among all that are looked at, itself first and then the nearest, -1 none
-    column, weight   (m, 8) int64, float64: reading of one side of a point less that of the other
+    central          (v,) bool: whether its centre is covered
+    near             (v, 25) int32: rows of the texels around in the list of all used entries, the texel itself first, then the nearest;
+                     -1 for none
+    column, weight   (m, 8) int64, float64: a step is the weighted sum of these texels, the reading of one side minus that of the other
     """
 
     size: int
@@ -127,7 +128,7 @@ class _System:
 
     @classmethod
     def of(cls, points: SeamPoints, is_central: NDArray[np.bool_], entry_at: Int32) -> tuple[_System, Int64]:
-        """The system, and the entries (k,) of the texels that it looks at."""
+        """The system, and the list (k,) of all texel entries that it uses."""
         size = entry_at.shape[1]
         read, weight = _read_bilinear(points, size)
         cell, column = np.unique(read, return_inverse=True)
@@ -148,7 +149,7 @@ class _System:
         return cls(size, cell, covered, central, row_of[near], column.reshape(read.shape), weight), entry
 
     def gather(self, values: NDArray[Any]) -> Float64:
-        """(v, c): shown values of texels, from values (k, c) of those around; empty ones show the mean of covered ones, as in margins."""
+        """(v, c): values of the texels, from (k, c) of all used entries; empty ones get the mean of covered neighbours, as in margins."""
         out: Float64 = values[self.near[:, 0]].astype(np.float64)
         near = self.near[~self.covered, 1:9]
         known = near >= 0
@@ -156,9 +157,9 @@ class _System:
         return out
 
     def weigh(self, total: Float32, noise: Float32) -> tuple[Float64, Float64]:
-        """Weights of texels (v,) against moving, and of points (m,) against steps: inverse squared uncertainties.
+        """Weights against changes of texels (v,) and against steps at points (m,): inverse squared uncertainties.
 
-        total, noise   (k,) float32, W/m^2: light at the texels looked at, and its standard error
+        total, noise   (k,) float32, W/m^2: light at all used entries, and its standard error
         """
         value, doubt = self.gather(np.stack([total, noise], axis=1)).T
         level = value + _FLOOR * value.mean() + _DARKEST
@@ -170,7 +171,7 @@ class _System:
         part = np.where(self.central, 0.0, _SPREAD_PART * spread)
         off = np.where(self.covered, np.hypot(_GRAIN * doubt, _CENTRE * level) + part, _EMPTY * level + _SPREAD_EMPTY * spread)
         readings = np.abs(self.weight) * off[self.column]
-        # Errors of neighbours are correlated: standard errors add up.
+        # Errors of neighbours are correlated, so their standard errors add up.
         unsure = np.hypot(readings[:, :4].sum(axis=1), readings[:, 4:].sum(axis=1))
         local = 0.5 * (np.abs(self.weight) * level[self.column]).sum(axis=1)
         step = (self.weight * value[self.column]).sum(axis=1)
@@ -201,7 +202,7 @@ class _System:
         return change
 
     def step(self, values: Float64) -> float:
-        """Root mean square over the points of the step, relative to the light there plus a tenth of its mean."""
+        """Root mean square of the steps at points, relative to the local light plus a tenth of its mean."""
         if not len(self.column):
             return 0.0
         total = values.reshape(len(values), -1, 3).sum(axis=1).mean(axis=1)
@@ -210,20 +211,20 @@ class _System:
 
     @cached_property
     def _turned(self) -> tuple[Int64, Float64]:
-        """Column and weight (8, m)."""
+        """column and weight, transposed to (8, m)."""
         return np.ascontiguousarray(self.column.T), np.ascontiguousarray(self.weight.T)
 
     def _find_steps(self, values: Float64) -> Float64:
-        """(m,): steps at points, of values (v,)."""
+        """(m,): steps at points for values (v,) of texels."""
         column, weight = self._turned
         read = weight * values.take(column)
-        while len(read) > 1:  # pairs of long rows, several times faster than sums of eight numbers
+        while len(read) > 1:  # adding pairs of long rows is several times faster than summing eight numbers each
             read = read[::2] + read[1::2]
         steps: Float64 = read[0]
         return steps
 
     def _pull(self, values: Float64, pull: Float64) -> Float64:
-        """(v, c): gradient at texels from the steps between values (v, c)."""
+        """(v, c): half the gradient of sum pull * step^2 with respect to values (v, c) of texels."""
         out, column = np.empty_like(values), self.column.ravel()
         for c, of_channel in enumerate(np.ascontiguousarray(values.T)):
             steps = pull * self._find_steps(of_channel)
@@ -231,7 +232,7 @@ class _System:
         return out
 
     def empty(self, points: SeamPoints, light: Float64) -> EmptyTexels:
-        """The empty texels, each with the surface at the point that reads most of it."""
+        """The empty texels, each with the surface at the point that reads it with the greatest weight."""
         order = np.argsort(np.abs(self.weight).ravel(), kind="stable")  # of several assignments to one place the last stays
         place = np.zeros(len(self.cell), np.int64)
         place[self.column.ravel()[order]] = order
@@ -244,7 +245,7 @@ class _System:
 
 
 def _read_bilinear(points: SeamPoints, size: int) -> tuple[Int64, Float64]:
-    """Texels (m, 8) that points read, four on each side, and their weights (m, 8), those of the other side negative."""
+    """Flat indices (m, 8) of the texels that points read, four on each side, and weights (m, 8), negative on the second side."""
     corner = np.clip(points.place - 0.5, 0.0, size - 1.0)
     low = np.minimum(np.floor(corner).astype(np.int64), size - 2)
     part = corner - low

@@ -1,8 +1,8 @@
-"""Tallies on the square footprint of a texel, where something touches the surface.
+"""Tallies on the square footprints of texels where something touches the surface.
 
-A leaf of one texel estimates the mean over that texel, and an image is read at its centre. Where light changes fast within a texel - along
+A leaf of one texel estimates the mean over that texel, while images are read at its centre. Where light changes fast within a texel - along
 the edge of a rug, at the foot of a wall - the two differ for any number of photons. There the square around the centre, from which shadow
-rays start too, has a tally of its own, whose light is mixed with the leaves' by a Wiener weight:
+rays start too, has a tally of its own. Its light is mixed with the leaves' by a Wiener weight:
 
     share = signal / (signal + noise), signal = squared difference beyond noise, from the neighbours   [Wiener 1949]
 """
@@ -24,12 +24,12 @@ from ..util.ablation import uses
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import Float64, clip_to_texels
 
-_LEAST_SHARE = 0.02  # of a square: a smaller part on the centre's triangle receives too few photons
-_RADIUS = 4  # texels around, over which the difference of leaves and squares is averaged
+_LEAST_SHARE = 0.02  # of a square's area on the triangle at its centre; a smaller part receives too few photons
+_RADIUS = 4  # texels; the difference of leaves and squares is averaged over this neighbourhood
 _LEAST_LIGHT = 1e-30  # W/m^2
 _TINY = float(np.finfo(float).tiny)
-_MUCH = 8.0  # mean photons of a square from which on squares are more exact than the leaves around them
-_DOUBT = 1.0  # standard errors subtracted from the signal: else chance moves every third of good leaves
+_MUCH = 8.0  # mean photons of a square above which squares are more exact than the leaves around them
+_DOUBT = 1.0  # standard errors subtracted from the signal; without it, chance would change a third of the good leaves
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class SubtexelLight:
     grain: Float64
 
     def only(self, rows: IntArray) -> SubtexelLight:
-        """Some of the squares (k,), ascending."""
+        """Only the squares in rows (k,), ascending."""
         return SubtexelLight(self.entry[rows], self.irradiance[..., rows], self.variance[:, rows], self.grain[:, rows])
 
     def are_reliable(self) -> bool:
@@ -70,7 +70,7 @@ class Squares:
 
     @classmethod
     def of(cls, texels: TexelMap, wanted: NDArray[np.bool_]) -> Squares:
-        """The squares of the texel entries `wanted` (n,) that have a centre."""
+        """The squares of the texel entries `wanted` (n,) bool whose centres are covered."""
         entry = np.flatnonzero(wanted & texels.is_central & uses("subtexel_tallies"))
         density = texels.tri_density[texels.texel_tri[entry]]
         full = LOOK * LOOK * density
@@ -83,7 +83,7 @@ class Squares:
         return cls(entry[kept].astype(np.int32), area[kept])
 
     def light(self, tally: Tally) -> SubtexelLight:
-        """The estimate from the photons so far; `tally` as of `deposit_on_squares`."""
+        """The estimate from the photons so far, whose `tally` is filled by `deposit_on_squares`."""
         divisor = max(float(tally.photons.sum()), 1.0) * self.area
         raw = with_direct(tally.raw.sum(0)[:, :, 0])
         sums = raw.sum(axis=(0, 2))
@@ -101,13 +101,13 @@ def deposit_on_squares(
     flux: FloatArray,
     is_first: NDArray[np.bool_] | None,
 ) -> ShardTally:
-    """Sums over the hits of a shard, on squares in place of nodes.
+    """As tally.deposit, with squares instead of nodes.
 
-    square_entry   (k,) int32, of Squares
+    square_entry   (k,) int32, as in Squares
     entry, tri     (m,) int: the texel entry and the triangle of each hit
     x, y           (m,) float, page texels
     flux           (3, m) float, W
-    is_first       (m,) bool: straight from a light; None as for tally.deposit
+    is_first       (m,) bool or None
     """
     has_square = np.zeros(len(texels), bool)
     has_square[square_entry] = True
@@ -125,11 +125,10 @@ def deposit_on_squares(
 class SubtexelMix:
     """Squares (m,) compared with the leaves' light on them.
 
-    gap       (c, 3, m) float64, W/m^2: squares less leaves, in as many components as the leaves' light
+    gap       (c, 3, m) float64, W/m^2: light of squares minus that of leaves, per component
     noise     (3, m) float64, (W/m^2)^2: variance of the squares
     share     (m,): Wiener weight of the gap
-    missing   (m,), (W/m^2)^2: squared bias of the leaves' light, mean over channels; 0 where all squares together show no significant
-              difference
+    missing   (m,), (W/m^2)^2: squared bias of the leaves' light, mean over channels; 0 if the squares together differ by noise alone
     """
 
     gap: Float64
@@ -139,10 +138,10 @@ class SubtexelMix:
 
     @classmethod
     def of(cls, light: NDArray[Any], squares: SubtexelLight, texels: TexelMap) -> SubtexelMix:
-        """Compare with the leaves' light on all of the squares, (c, 3, m) float, W/m^2; without its first component where that is 0."""
+        """Compare squares with the leaves' light there, (c, 3, m) float, W/m^2; c is 1 without a direct component."""
         traced = light.astype(np.float64)
         gap = squares.irradiance[-len(light) :] - traced
-        # Without photons the sample variance is 0: the leaves' light predicts how many were to be expected.
+        # Without photons the sample variance is 0, so it is at least that of the photons expected by the leaves' light.
         noise = np.maximum(squares.variance, squares.grain * traced.sum(axis=0))
         noise2, seen2 = noise.sum(axis=0), (gap.sum(axis=0) ** 2).sum(axis=0)
         level = traced.sum(axis=(0, 1))
@@ -167,7 +166,7 @@ class SubtexelMix:
 def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: SubtexelLight, texels: TexelMap) -> NDArray[np.bool_]:
     """Mix the squares' light into the leaves', in place; returns which texels changed, (n,) bool.
 
-    light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without the first, where it is none
+    light      (2, 3, n) float32, W/m^2: components at the texel entries; (1, 3, n) without a direct component
     variance   (3, n) float32, (W/m^2)^2, of their sum
     """
     entry = squares.entry
@@ -182,9 +181,9 @@ def mix(light: NDArray[np.float32], variance: NDArray[np.float32], squares: Subt
 
 
 def _average_around(value: Float64, entry: IntArray, texels: TexelMap) -> tuple[Float64, Float64]:
-    """Means of values (k, m) at texel entries (m,) over those around each, on the same piece of a chart; and their number, (m,).
+    """Means of values (k, m) over the entries around each of texel entries (m,), on the same piece of a chart; and their number, (m,).
 
-    An entry's own value is left out: a weight that depends on its own photons would favour squares with few.
+    An entry's own value is left out, since a weight that depends on its own photons would favour squares with few.
     """
     chart = texels.texel_chart[entry]
     page, piece = texels.chart_page[chart].astype(np.int64), texels.chart_piece[chart]
@@ -192,7 +191,7 @@ def _average_around(value: Float64, entry: IntArray, texels: TexelMap) -> tuple[
     shown = np.flatnonzero(texels.entry_at[page, row, column] == entry)
     width = texels.page_size + 2 * _RADIUS  # a border saves the tests for the page's edge
     place = (page * width + row + _RADIUS) * width + column + _RADIUS
-    slot_after = np.zeros(texels.page_count * width * width, np.int32)  # 0 is none; untouched memory costs nothing
+    slot_after = np.zeros(texels.page_count * width * width, np.int32)  # row + 1, 0 for none; untouched memory costs nothing
     slot_after[place[shown]] = shown + 1
     piece_after, value_after = np.append(np.int32(-1), piece), np.pad(value, ((0, 0), (1, 0)))
     total, count = np.zeros_like(value), np.zeros(len(entry))

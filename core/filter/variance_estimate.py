@@ -16,15 +16,15 @@ from ..util.ablation import uses
 from ..util.arrays import IntArray
 from .bias_estimate import AskedLight
 
-# The ratios of few leaves have high variance; the prior, a ratio of 1 as for independent photons, has the weight of this many values.
+# Weight, in values, of the prior: a ratio of 1, that of independent photons. The ratios of few leaves have a high variance.
 _PRIOR_VALUES = 64.0
 _TINY = float(np.finfo(float).tiny)
 
 
 def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDArray[np.float64]:
-    """Variance between the dual buffers over the variance of independent photons, (3,) float64: one ratio for each channel.
+    """(3,) float64: ratio of the variance between the dual buffers to that of independent photons, for each channel.
 
-    It exceeds 1 where one photon's path deposits on a leaf more than once, in light of many bounces.
+    It exceeds 1 in light of many bounces, where one photon's path deposits on a leaf more than once.
 
     nodes   (m,) int, nodes that tile the charts
     """
@@ -34,7 +34,7 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
     seen = ((solution.flux_half[0] - solution.flux_half[1])[:, nodes] / (2.0 * area)) ** 2
     predicted = solution.variance[:, nodes]
     ratio = np.divide(seen, predicted, out=np.zeros_like(seen), where=predicted > 0.0)
-    # Leaves have few photons of unequal power, so that single ratios have long tails: the mean weighs leaves by the root of their light.
+    # Leaves have few photons of unequal power, so their ratios have long tails; leaves are weighted by the root of their light.
     weight = np.sqrt(np.maximum(solution.flux[:, nodes], 0.0)) * (predicted > 0.0)
     weight /= np.maximum(weight.max(axis=1, keepdims=True, initial=0.0), _TINY)
     total, squares = weight.sum(axis=1), (weight**2).sum(axis=1)
@@ -46,12 +46,12 @@ def noise_correction(tree: Quadtree, solution: Solution, nodes: IntArray) -> NDA
 
 
 def find_unseen(metric: ErrorMetric, weight: NDArray[np.float32], photon_w: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m,) float64, relative and squared: light that could have reached an object but was found at none of its sampled texels.
+    """(m,) float64, relative and squared: bound of the light that could have missed an object altogether, one photon for each object.
 
-    Without photons the sample variance is zero. The bound is one photon for each object: negligible beside the noise of many photons, and
-    in a small house on a wide plain it keeps the bake from stopping too soon.
+    Without photons the sample variance is zero. The bound is negligible beside the noise of many photons, but keeps the bake of a small
+    house on a wide plain from stopping too soon.
 
-    weight     (m, 3) of ReferenceLight.weigh
+    weight     (m, 3), from ReferenceLight.weigh
     photon_w   (3,), W: power of one photon
     """
     unseen2 = np.zeros(len(weight))
@@ -63,7 +63,7 @@ def find_unseen(metric: ErrorMetric, weight: NDArray[np.float32], photon_w: NDAr
 
 @dataclass
 class PhotonNoise:
-    """Variance of photons at some texels, (m,), relative; changed in place by later corrections.
+    """Relative variance of photons at texels (m,); later corrections change it in place.
 
     photons2              (m,) float64
     shrunk2               (m,) float64: part of it that coefficient shrinkage reduces
@@ -105,7 +105,7 @@ class PhotonNoise:
         self.shrunk2[rows] *= share2
 
     def replace(self, photons2: NDArray[np.floating[Any]], rows: NDArray[np.bool_]) -> None:
-        """Set the noise at the texels `rows` (m,), where other light is shown."""
+        """Set the noise at the texels `rows` (m,) bool, where other light is shown."""
         self.photons2[rows], self.shrunk2[rows] = photons2, 0.0
 
     def take(self, rows: NDArray[np.int64], factor: NDArray[np.float64]) -> PhotonNoise:
