@@ -1,8 +1,8 @@
 """Galerkin bases on a quadtree node, orthonormal on the node's own covered domain.
 
-A node's coordinates s, t run over [-1, 1] across its square. Functions are kept as polynomials in s and t; what makes
-them a basis is the Gram matrix of the monomials over the part of the square that the chart covers, in world area
-measure. A node stores plain sums of monomials over its photons ("raw sums"), which move exactly from child to parent.
+A node's coordinates s, t run over [-1, 1] across its square. Functions are polynomials in s and t. They are orthonormal by the Gram matrix
+of the monomials over the part of the square that the chart covers, by world area. A node stores plain sums of monomials over its photons
+("raw sums"), which transform exactly from child to parent.
 
 Source: Zatz 1993 (Galerkin radiosity); Feda 1996 and [Tobler97] eq. 9, with W = A, for the sums over photons.
 """
@@ -21,10 +21,10 @@ DEGREES = {"constant": 0, "linear": 1, "quadratic": 2}
 EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1))  # 1, s, t, s^2, st, t^2, ...
 QUADRANTS = ((0, 0), (1, 0), (0, 1), (1, 1))  # Morton order: x is the low bit
 
-# A function whose norm outside the span of the others is below this share of its norm carries no information a sliver
-# of a domain could hold in float64; it is dropped.
+# A function is dropped if its squared norm outside the span of the others is below this share of its squared norm: on a sliver of a
+# domain, float64 cannot tell it from them.
 _DROP_BELOW = 1e-6
-_ROUNDING = 1e-13  # of a whole square's moments, over its area; one that is not known by it is only worked out like any other
+_ROUNDING = 1e-13  # of a whole square's moments, over its area; a square beyond this tolerance is treated like any other node
 
 
 def count_functions(degree: int) -> int:
@@ -71,7 +71,7 @@ def orthonormal_functions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
     for i, j in zip(*np.triu_indices(len(whole)), strict=True):
         is_whole &= np.abs(gram[:, i, j] - area * whole[i, j]) <= least
     out = np.empty_like(gram)
-    out[is_whole] = of_whole / np.sqrt(area[is_whole])[:, None, None]  # most of the nodes of a large page
+    out[is_whole] = of_whole / np.sqrt(area[is_whole])[:, None, None]  # these are most nodes of a large page
     out[~is_whole] = _orthonormalize(gram[~is_whole])
     return out
 
@@ -95,10 +95,10 @@ def _whole_square(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArray[np.float64]:
     n, size, _ = gram.shape
     rows, each = np.arange(n), np.arange(size)
-    residual = gram.transpose(1, 2, 0).copy()  # (size, size, n): numpy works on long rows many times faster
+    residual = gram.transpose(1, 2, 0).copy()  # (size, size, n): numpy is many times faster on long rows
     scale = residual[each, each]
     scale[scale <= 0.0] = np.inf  # an empty domain keeps no function
-    function = np.zeros_like(residual)  # what is left of each monomial, in monomials
+    function = np.zeros_like(residual)  # each monomial minus its projections, in monomials
     function[each, each] = 1.0
     unused = np.ones((size, n), bool)
     out = np.zeros_like(residual)
@@ -129,7 +129,7 @@ def projector(functions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def apply_matrices(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each node's matrix times each node's vectors; K is at most 6, so that plain loops over it beat einsum by far.
+    """Each node's matrix times its vectors; K is at most 6, so plain loops over it are far faster than einsum.
 
     matrix   (n, K, K) float64
     vector   (..., K, n) float64
@@ -144,7 +144,7 @@ def apply_matrices(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> 
 
 
 def evaluate(coefficient: FloatArray, s: FloatArray, t: FloatArray, degree: int) -> NDArray[np.float64]:
-    """Polynomials at points.
+    """Values of polynomials at points.
 
     coefficient   (..., K, m) float, of monomials up to `degree`
     s, t          (m,) float
@@ -159,7 +159,7 @@ def evaluate(coefficient: FloatArray, s: FloatArray, t: FloatArray, degree: int)
 def square_norm(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degree: int) -> NDArray[np.float64]:
     """(m,) float64, 1/m^2: the sum of the squared basis functions at points.
 
-    project   (m, K, K) float64, 1/m^2: see projector; of functions up to `degree`
+    project   (m, K, K) float64, 1/m^2: projectors of functions up to `degree`
     s, t      (m,) float
     """
     power = np.array(monomials(s, t, degree))
@@ -170,7 +170,7 @@ def square_norm(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degr
 def parent_transforms(degree: int) -> NDArray[np.float64]:
     """For each quadrant the matrix X with monomials(parent) = X @ monomials(child).
 
-    Raw sums go up by X, polynomial coefficients go down by X transposed; both exact.
+    X takes raw sums from child to parent, X transposed takes polynomial coefficients from parent to child; both are exact.
     out   (4, K, K) float64
     """
     size = count_functions(degree)
@@ -187,9 +187,9 @@ def parent_transforms(degree: int) -> NDArray[np.float64]:
 
 
 def apply_transforms(transforms: NDArray[np.float64], quadrant: IntArray, vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each node's vectors by the matrix of its quadrant, most of which is zeros.
+    """The sparse matrix of each node's quadrant times the node's vectors.
 
-    transforms   (4, K, K) float64, of parent_transforms, or those transposed
+    transforms   (4, K, K) float64, from parent_transforms, or their transposes
     quadrant     (n,) int
     vector       (..., K, n) float64
     out          (..., K, n) float64

@@ -1,7 +1,7 @@
-"""Irradiance on sides of surfaces that have no lightmap, which gather rays meet too.
+"""Irradiance on sides of surfaces without a lightmap, which gather rays meet too.
 
-Photons are counted in the cells of scene.surface_cells: a constant basis at a fixed level. It is read one bounce away alone, where it is
-averaged over all that a texel sees.
+Photons are tallied in the cells of scene.surface_cells: a constant basis at a fixed level. That suffices since the light is used one bounce
+away only, where it is averaged over all that a texel sees.
 
 Source: [Tobler97] eq. 9 with N_0 alone, on triangles in place of charts.
 """
@@ -27,22 +27,22 @@ class CellFlux:
 
     @classmethod
     def of(cls, cell: NDArray[np.int64], flux: FloatArray, n_cell: int) -> CellFlux:
-        """Sums of deposits: cells (m,), below the given number, and flux (3, m)."""
+        """Sums of deposits, given their cells (m,) < n_cell and flux (3, m)."""
         touched = np.flatnonzero(np.bincount(cell, minlength=n_cell))
         return cls(touched, np.stack([np.bincount(cell, channel, n_cell)[touched] for channel in flux]))
 
     @classmethod
     def join(cls, parts: Sequence[CellFlux]) -> CellFlux:
-        """The sums of all."""
+        """The sum of several."""
         cell = np.concatenate([part.cell for part in parts])
         return cls.of(cell, np.concatenate([part.flux for part in parts], axis=1), int(cell.max(initial=-1)) + 1)
 
 
 @dataclass
 class CellTally:
-    """Sums of the odd and the even shards of a bake.
+    """Sums over the even and the odd shards of a bake.
 
-    flux      (2, 3, n_cell) float64, W: of photons that each carry all the light, as in tally.Tally
+    flux      (2, 3, n_cell) float64, W: each photon carries the power of the whole scene, as in tally.Tally
     photons   (2,) float64
     """
 
@@ -54,12 +54,12 @@ class CellTally:
         return cls(np.zeros((2, 3, n_cell)), np.zeros(2))
 
     def add(self, half: int, found: CellFlux, photons: float) -> None:
-        """Add a shard of so many photons, each counted by its weight."""
+        """Add a shard of so many emitted photons."""
         self.flux[half][:, found.cell] += found.flux
         self.photons[half] += photons
 
     def irradiance(self, cells: SurfaceCells) -> tuple[Float32, Float32]:
-        """(3, n_cell) float32, W/m^2; and (n_cell,) half the difference of the two halves, mean of channels."""
+        """(3, n_cell) float32, W/m^2; and (n_cell,) float32: half the difference of the two halves, mean of channels."""
         both = (self.flux.sum(axis=0) / max(self.photons.sum(), 1.0) / cells.area_m2).astype(np.float32)
         first, second = (flux.mean(axis=0) / max(count, 1.0) for flux, count in zip(self.flux, self.photons, strict=True))
         return both, ((first - second) / cells.area_m2 / 2.0).astype(np.float32)

@@ -26,12 +26,12 @@ _SHRUNK_DOUBT = 2.0
 def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> tuple[Quadtree, NDArray[np.float64]]:
     """The tree with projectors that shrink the functions of `leaves` (m,) beyond their mean, degree by degree; and risks.
 
-    The mean and all flux are preserved. Only for tally.solve_tallies; variances come from the tree without shrinkage.
-    risk   (m,) float64: Stein's unbiased estimate of the squared error after shrinkage, relative to the noise beyond the mean before it;
-           for a single leaf often outside of [0, 1], only sums over leaves are accurate. Source: Stein 1981, theorem 1
+    Means and flux are preserved. The result is for tally.solve_tallies only; variances come from the tree without shrinkage.
+    risk   (m,) float64: Stein's unbiased estimate of the squared error after shrinkage, relative to the noise beyond the mean before it.
+           Only sums over leaves are accurate; a single value is often outside of [0, 1]. Source: Stein 1981, theorem 1
     """
     raw = totals.raw[..., leaves].sum((0, 1))
-    noise = totals.weight2[:, leaves].sum(0) / np.maximum(tree.area[leaves], _TINY)  # of one function
+    noise = totals.weight2[:, leaves].sum(0) / np.maximum(tree.area[leaves], _TINY)  # per function
     shrunk = lower = np.zeros((len(leaves), *tree.project.shape[1:]))
     rank = np.zeros(len(leaves), np.int64)
     risk, beyond = np.zeros((2, len(leaves)))
@@ -67,7 +67,7 @@ def beyond_noise(value: float, variance: float) -> float:
 def find_shrunk_noise(
     solution: Solution, leaf: NDArray[np.int32], leaf_variance: NDArray[np.float64], noise2: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(m,) float64: the part of the texels' variance `noise2` (m,) that is beyond the variance of their leaves' means.
+    """(m,) float64: the part of the texels' variance `noise2` (m,) that comes from coefficients beyond their leaves' means.
 
     leaf            (m,) int32
     leaf_variance   (3, m) float64, (W/m^2)^2: variance of the leaf alone at the texel, see reconstruct.PointLight
@@ -81,7 +81,7 @@ def find_shrunk_noise(
 def find_share_taken(
     leaf: NDArray[np.int32], shrunk2: NDArray[np.float64], nodes: IntArray, risk: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Share of the variance `shrunk2` (m,) beyond the means that shrinkage removes: an estimate and a lower bound; leaf (m,).
+    """Share of the variance `shrunk2` (m,) of texels on leaves `leaf` (m,) that shrinkage removes: an estimate and a lower bound.
 
     Risks of single leaves are noisy, so they are averaged over all leaves; their scatter gives the standard error for the bound.
     """

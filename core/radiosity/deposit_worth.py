@@ -1,6 +1,6 @@
-"""What photons' deposits are worth to the error of a bake, by which the emission of the next round is guided.
+"""Contribution of photons' deposits to the squared error of a bake, which guides the emission of the next round.
 
-The variance that a photon brings to a texel counts by the texel's brightness, for the error is relative.
+The error is relative, so the variance that a photon adds to a texel is divided by the texel's squared brightness.
 
 Source: Vorba & Křivánek 2016, "Adjoint-driven Russian roulette and splitting in light transport simulation".
 """
@@ -26,11 +26,11 @@ _TINY = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class Guiding:
-    """What guides the photons of a round.
+    """Guide of a round's photons.
 
     worth    (3, n_node) float64, 1/W^2: squared error of the bake, relative to local brightness, per squared watt that a photon deposits
              in a deepest node
-    cells    of emission
+    cells    cells of emission
     """
 
     worth: Float64
@@ -38,9 +38,11 @@ class Guiding:
 
 
 def weigh_groups(groups: Groups, worth: Float64, node: IntArray, flux: FloatArray) -> Float64:
-    """(g,) float64: contribution of groups to the squared error, the sum of worth * flux^2 over their deposits (m,).
+    """(g,) float64: contributions of groups to the squared error, the sums of worth * flux^2 over their deposits (m,).
 
-    worth as in Guiding, node (m,) int, flux (3, m) float, W
+    worth   as in Guiding
+    node    (m,) int
+    flux    (3, m) float, W
     """
     each = np.zeros(len(node))
     for of_channel, power in zip(worth, flux, strict=True):
@@ -58,7 +60,7 @@ def weigh_deposits(
     leaves     (m,) int: nodes that tile the charts
     light      (3, n') float, W/m^2: total irradiance of the leaves and their ancestors, among the first n' nodes
     deposits   number so far; it limits the worth of nodes so small that less than one deposit is expected
-    weighed    error groups and their weights (p,), see error_metric.Parts; None means the whole
+    weighed    groups of texels with their own errors, and their weights (p,), see error_metric.Parts; None for the whole
     """
     area = tree.area
     cut = np.array(leaves)

@@ -1,9 +1,8 @@
 """One quadtree per UV chart, all of them in one node table.
 
-A chart's root is the smallest power-of-two square of texels that covers it. Texel entries are sorted by chart and Morton
-code, so a node is a range of entries. *Current* nodes tile every chart and carry the solution; *preview* nodes hang below
-them. A photon falls into the deepest node at its texel; sums of the nodes above follow from those below (see tally).
-Nodes whose square the chart does not enter are never made.
+A chart's root is the smallest power-of-two square of texels that covers it. Texel entries are sorted by chart and Morton code, so a node is
+a range of entries. *Current* nodes tile every chart and carry the solution; *preview* nodes lie below them. A photon is deposited in the
+deepest node at its texel; sums of the nodes above are computed from those below (see tally). There are no nodes for squares without texels.
 
 Source: [Tobler97] 3.2 and 3.3.
 """
@@ -29,22 +28,22 @@ _Value = TypeVar("_Value", bound=np.generic)
 
 @dataclass(frozen=True)
 class Quadtree:
-    """The node table; changed only by making a new one.
+    """The immutable node table.
 
     degree      of the basis: 0, 1 or 2
     chart       (n,) int32
     side        (n,) int32, texels
     origin      (n, 2) int32, page texel of the lower left corner
-    code        (n,) int64, Morton code in the chart at which its square begins
-    parent      (n,) int32, -1 for the nodes the tree started with
-    quadrant    (n,) int8, which child of its parent
-    children    (n, 4) int32, -1 where the chart does not enter or the node has none
+    code        (n,) int64, first Morton code of its square within the chart
+    parent      (n,) int32, -1 for the nodes that the tree started with
+    quadrant    (n,) int8, index among its parent's children
+    children    (n, 4) int32, -1 where there is none
     start, end  (n,) int64, range of texel entries
-    depth       (n,) int16, 0 for the nodes the tree started with
+    depth       (n,) int16, 0 for the nodes that the tree started with
     current     (n,) bool
-    moment      (n, M) float64, m^2: of the monomials of degree 2 * degree in node coordinates
+    moment      (n, M) float64, m^2: integrals of the monomials up to 2 * degree in node coordinates
     project     (n, K, K) float64, 1/m^2: see basis.projector
-    rank        (n,) int64: how many functions the domain can hold
+    rank        (n,) int64: number of basis functions that were not dropped
     """
 
     degree: int
@@ -115,7 +114,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
 
 def _find_nodes(texels: TexelMap, side_log2: NDArray[np.int64]) -> NDArray[np.int64]:
     """(m,) int64: the first texel entry of every node, of side 2**side_log2 (n_chart,) texels in each chart."""
-    # Entries of one node share the code without the low bits of a node's side; entries are sorted, so runs are nodes.
+    # Entries of one node share the high bits of their codes, and entries are sorted, so each run of equal high bits is a node.
     is_first = np.zeros(len(texels), bool)
     is_first[texels.chart_start[:-1][np.diff(texels.chart_start) > 0]] = True
     for start in range(0, len(is_first), _CHUNK):
@@ -167,7 +166,7 @@ def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
 
 
 def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
-    """The tree with children below `nodes`, which must be larger than a texel and have none."""
+    """The tree with children below `nodes`, which must have none and be larger than a texel."""
     if len(nodes) == 0:
         return tree
     side = np.repeat(tree.side[nodes] // 2, 4)
@@ -198,7 +197,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
 
 
 def _find_codes(code: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(m,) int64: lower bounds of `wanted` in code[low:high], each ascending; all (m,). By binary search."""
+    """(m,) int64: by binary search, the lower bound of each `wanted` (m,) in code[low:high], which is ascending; low and high (m,)."""
     low, high = low.copy(), high.copy()
     while (rows := np.flatnonzero(low < high)).size:
         middle = (low[rows] + high[rows]) >> 1
@@ -209,7 +208,7 @@ def _find_codes(code: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[n
 
 
 def grow_previews(tree: Quadtree, texels: TexelMap, preview_depth: int, finest_texels: int) -> Quadtree:
-    """The tree with `preview_depth` levels of preview nodes below every current node, as far as texels allow."""
+    """The tree with `preview_depth` levels of preview nodes below every current node, down to sides of finest_texels."""
     below = np.flatnonzero(tree.current)
     for _ in range(preview_depth):
         bare = below[~tree.has_children[below] & (tree.side[below] > finest_texels)]
@@ -220,14 +219,14 @@ def grow_previews(tree: Quadtree, texels: TexelMap, preview_depth: int, finest_t
 
 
 def grow_to(tree: Quadtree, texels: TexelMap, side: int, flag: NDArray[np.bool_]) -> Quadtree:
-    """The tree with nodes of no more than that side, texels, below all that have a texel entry with the flag (n_texel,)."""
+    """The tree with nodes of at most that side, texels, at all texel entries with the flag (n_texel,) bool."""
     while len(bare := np.flatnonzero(~tree.has_children & (tree.side > side) & any_in_nodes(tree, flag))):
         tree = add_children(tree, bare, texels)
     return tree
 
 
 def split(tree: Quadtree, marked: IntArray) -> Quadtree:
-    """The tree in which the children of the `marked` current nodes are current in their place."""
+    """The tree in which the children of the `marked` current nodes are current instead of these."""
     current = tree.current.copy()
     current[marked] = False
     children = tree.children[marked]
@@ -239,7 +238,7 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
     """The node at each texel entry, (n_texel,) int32.
 
     nodes   indices of nodes that tile every chart: the current ones, or those without children
-    room    for what is returned, as `node`
+    room    where the result is allocated, under the name "node"
     """
     count = int((tree.end - tree.start)[nodes].sum())
     if count != n_texel:
@@ -248,27 +247,27 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
 
 
 def node_at_entries(tree: Quadtree, nodes: IntArray, entry: IntArray) -> NDArray[np.int64]:
-    """(m,) int64: the same at texel entries (m,) alone."""
+    """(m,) int64: node_of_texel at texel entries (m,) only."""
     order = nodes[np.argsort(tree.start[nodes])]
     found: NDArray[np.int64] = order[np.searchsorted(tree.start[order], entry, side="right") - 1]
     return found
 
 
 def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value], name: str, room: Room = IN_MEMORY) -> NDArray[_Value]:
-    """Spreads values (m,) of nodes that tile every chart over their texel entries, (n_texel,).
+    """(n_texel,): values (m,) of nodes that tile every chart, repeated for their texel entries.
 
-    name, room   of what is returned
+    name, room   name of the result, and where it is allocated
     """
     order = np.argsort(tree.start[nodes])
     values, count = values[order], (tree.end - tree.start)[nodes[order]]
     n_texel = int(count.sum())
     cuts = np.searchsorted(np.cumsum(count), np.arange(_CHUNK, n_texel, _CHUNK))
-    runs = pairwise(np.unique([0, *cuts, len(order)]))  # some at a time, into what may be a file
+    runs = pairwise(np.unique([0, *cuts, len(order)]))  # in chunks, since the result may be a file
     return room.collect(name, n_texel, values.dtype, (np.repeat(values[first:last], count[first:last]) for first, last in runs))
 
 
 def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n,) bool: nodes that have a texel entry with the flag (n_texel,)."""
+    """(n,) bool: nodes that have a texel entry with the flag (n_texel,) bool."""
     flagged = np.flatnonzero(flag)
     out: NDArray[np.bool_] = np.searchsorted(flagged, tree.end) > np.searchsorted(flagged, tree.start)
     return out
@@ -279,7 +278,7 @@ def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.
     ends, place = np.unique(np.concatenate([tree.start, tree.end]), return_inverse=True)
     first, last = place[: len(tree)], place[len(tree) :]
     out = np.zeros((3, len(tree)))
-    # Intervals between the ends of nodes are summed once for all levels; in parts, as numpy copies what it sums.
+    # Intervals between the ends of nodes are summed once for all levels; in parts, since numpy copies what it sums.
     cuts = np.flatnonzero(np.diff(ends[:-1] // _CHUNK, prepend=-1))
     parts = [ends[begin : end + 1] for begin, end in pairwise([*cuts, len(ends) - 1])]
     for channel, values in zip(out, per_texel.T, strict=True):

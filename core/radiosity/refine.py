@@ -1,8 +1,8 @@
-"""When to split a node: is_stable, indicator and mark, three pure functions, the only home of the subdivision rule.
+"""The subdivision rule, as three pure functions: is_stable, indicator and mark.
 
-The indicator compares the function of a current node with the functions of the preview nodes below it, both from the
-same photons: those shot from the node to its previews. Where the light follows the node's function, the squared
-difference is noise with known mean and variance; the excess estimates the squared bias of the node's function.
+The indicator compares the function of a current node with the functions of the preview nodes below it, both from the same photons: those
+shot from the node to its previews. If the light follows the node's function, the squared difference is noise with known mean and variance;
+the excess estimates the squared bias of the node's function.
 
 Source: [Tobler97] 3.4 (stability), 3.5 (oracle), 3.7 (hints). The significance oracle is a chi-square test of nested
 least-squares fits; photons' powers vary, so their sum of squares estimates the variance (compound Poisson).
@@ -25,8 +25,8 @@ SIGNIFICANT_SIGMAS = 3.0
 # An additional basis function must reduce the squared bias by this factor times the variance that it adds. 1 is Mallows' C_p, which
 # overfits where it selects among thousands of nodes; a little more suffices, because the noise of small leaves is filtered later.
 NOISE_PRICE = 1.2
-# Children that have received a smaller share of a node's photons must win by more, in inverse proportion, since they replace many photons
-# by few. Among thousands of nodes some always differ by chance after a small last round.
+# Children that have received a smaller share than this of their node's photons must reduce the bias by more, in inverse proportion, since
+# they replace many photons by few. Among thousands of nodes some always differ by chance after a small last round.
 FAIR_SHARE = 0.5
 FANOUT = 4
 _PART = 1 << 13  # previews compared at once: the intermediate arrays fit a core's cache
@@ -34,7 +34,7 @@ _PART = 1 << 13  # previews compared at once: the intermediate arrays fit a core
 
 @dataclass(frozen=True)
 class Rule:
-    """Knobs of the subdivision rule; see core.settings for their meaning."""
+    """Settings of the subdivision rule; see util.settings for their meaning."""
 
     oracle: str
     threshold: float
@@ -47,12 +47,12 @@ class Difference:
     """Difference between nodes (m,) and their previews at one depth.
 
     excess       (m,) float64, (W/m^2)^2: mean square difference minus `noise`, summed over channels; may be negative
-    common       (m, 3) float64, (W/m^2)^2: an estimate per channel, the inner product of the differences in both halves of the bake:
-                 independent of the noise model, with a higher variance
+    common       (m, 3) float64, (W/m^2)^2: another estimate, per channel: inner product of the differences in both halves of the bake. It
+                 does not depend on the noise model, but has a higher variance
     noise        (m,) float64, (W/m^2)^2: expected mean square difference under noise alone, the variance that splitting adds
     sigmas       (m,) float64: excess in standard deviations of the squared difference under noise
-    greatest     (m,) float64, W/m^2: greatest difference of mean over the stable previews and the channels
-    tiled        (m,) bool: the previews of this depth cover the node; elsewhere the other fields are 0
+    greatest     (m,) float64, W/m^2: greatest difference of mean irradiance over the stable previews and the channels
+    tiled        (m,) bool: whether the previews of this depth cover the node; if not, the other fields are 0
     """
 
     excess: NDArray[np.float64]
@@ -64,7 +64,7 @@ class Difference:
 
 
 def is_stable(photons_shot: IntArray, stability: int) -> NDArray[np.bool_]:
-    """Whether nodes have been shot enough photons to be compared and shown.
+    """Whether nodes have enough photons to be compared and shown.
 
     photons_shot   (n,) int
     Source: [Tobler97] 3.4
@@ -83,7 +83,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     raw = totals.raw.take(previews, axis=-1).sum(1)  # (2 halves, 3, K, previews)
     fit = basis.apply_matrices(tree.project[previews], raw)
     lifted, ancestor = totals.shot_raw.take(ids[depth - 1], axis=-1).sum(1), above[depth]
-    for level in range(depth - 1, 0, -1):  # the same photons, in the coordinates of the node
+    for level in range(depth - 1, 0, -1):  # the previews' photons, transformed to the coordinates of the node
         up = basis.apply_transforms(transforms, tree.quadrant[ids[level]], lifted)
         lifted = _sum_by(above[level], up, len(ids[level - 1]))
         ancestor = above[level][ancestor]
@@ -107,7 +107,7 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     mean_gap = np.abs((gap * tree.moment[previews, : gap.shape[1]].T).sum(1)).max(0) / tree.area[previews]
     greatest = np.zeros(m)
     np.maximum.at(greatest, ancestor, np.where(is_stable(totals.received[previews], stability), mean_gap, 0.0))
-    # The photons received since the previews exist are scaled up to all that the node has received.
+    # Photons since the previews exist are scaled up to all that the node has received.
     received, shot = totals.raw[:, :, :, 0].take(nodes, axis=-1).sum((0, 1, 2)), lifted[:, :, 0].sum((0, 1))
     stands_for = np.divide(received, shot, out=np.ones(m), where=shot > 0.0)
     to_irradiance = stands_for * (solution.scale[:, nodes] / max(float(totals.photons.sum()), 1.0)).mean(0)
@@ -128,8 +128,9 @@ def _sum_by(group: IntArray, values: NDArray[np.float64], count: int) -> NDArray
 
 
 def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntArray], list[IntArray], NDArray[np.bool_]]:
-    """Nodes of each depth below `nodes`, the position of each one's parent in the depth above, and whether
-    they cover each of `nodes`."""
+    """Nodes at each depth below `nodes`; the index of each one's parent among those one depth above; and whether the deepest cover each of
+    `nodes`.
+    """
     ids: list[IntArray] = [nodes]
     above: list[IntArray] = [np.arange(len(nodes))]
     ancestor = above[0]
@@ -154,9 +155,9 @@ def find_comparable(tree: Quadtree, totals: Totals, stability: int) -> NDArray[n
 class Comparison:
     """The indicator of one round's nodes, for each preview depth from 1.
 
-    rows          (n,) int64 each: position of a node in the differences of its depth; -1 if it was not compared
-    differences   of nodes that have shot enough photons: at depth 1 all of them, so that leaves can be chosen among them; deeper those
-                  that may be split, the current ones and those that their split may make current
+    rows          for each depth (n,) int64: index of a node in its differences; -1 if it was not compared
+    differences   differences of nodes that have shot enough photons: at depth 1 of all of them, since leaves are chosen among them; deeper
+                  only of nodes that may be split, which are the current ones and those that become current if these are split
     stable        (n,) bool: nodes that have shot enough photons to be split
     price         (n,) float64: a node's children are shown if its excess exceeds price * noise
     """
@@ -204,31 +205,31 @@ def mark(
     forced: NDArray[np.bool_],
     background: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Current nodes to be split now.
+    """Current nodes to split now.
 
-    forced       (n,) bool: split as soon as stable, whatever the light
-    background   (3, n) float64, W/m^2: light on the node that does not come through the tallies (direct light by rays)
+    forced       (n,) bool: nodes that are split as soon as they are stable, whatever the light
+    background   (3, n) float64, W/m^2: light on the nodes that is not in the tallies (direct light by rays)
     """
     nodes: NDArray[np.int64] = np.flatnonzero(tree.current & find_comparable(tree, totals, rule.stability))
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     level = (solution.flux[:, nodes] / area + background[:, nodes]).max(axis=0)
     marked = forced[nodes].copy()
     for all_rows, difference in zip(comparison.rows, comparison.differences, strict=True):
-        asked = np.flatnonzero(all_rows[nodes] >= 0)  # the others have no previews so deep
+        asked = np.flatnonzero(all_rows[nodes] >= 0)  # the others were not compared at this depth
         rows = all_rows[nodes[asked]]
         if rule.oracle == "paper":
             marked[asked] |= difference.greatest[rows] > rule.threshold * level[asked]
-        else:  # however small the difference; choose_leaves decides which children are shown
+        else:  # significant, however small; choose_leaves decides which children are shown
             marked[asked] |= difference.sigmas[rows] > SIGNIFICANT_SIGMAS
     split: IntArray = nodes[marked]
     return split
 
 
 def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
-    """The nodes to show: they tile every chart with the least expected squared error, and all but the first are stable.
+    """The nodes to show: the tiling of every chart with the least expected squared error; all of them but roots are stable.
 
-    The squared difference between a node and any tiling below it is the sum of the one-level differences in between
-    (projections on nested spaces), so the best tiling follows from the bottom up.
+    The squared difference between a node and any tiling below it is the sum of the one-level differences in between (projections on nested
+    spaces), so the best tiling is found from the bottom up.
     Source: Breiman et al. 1984, 10.2 (pruning by dynamic programming); Mallows 1973 (C_p) for the price of noise.
     """
     gain = np.zeros(len(tree))
@@ -246,7 +247,7 @@ def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
 
 
 def open_nodes(tree: Quadtree, nodes: IntArray, opened: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Nodes (k,) that tile what `nodes` (m,) tile: those, or where `opened` (n,) their children, and so on."""
+    """Nodes (k,) that tile the same texels as `nodes` (m,), after nodes with `opened` (n,) are replaced by their children, recursively."""
     front, tiles = nodes, [np.zeros(0, np.int64)]
     while len(front):
         tiles.append(front[~opened[front]])

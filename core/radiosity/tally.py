@@ -1,11 +1,10 @@
-"""Counters of arriving photons, and the irradiance estimated from them.
+"""Tallies of arriving photons, and the irradiance estimated from them.
 
-A photon is added once, to the deepest node at its texel. What a node has received in all is its own sum plus what it has
-shot on to its children, so p_received and p_shot need no counters of their own. Only sums are kept during the run;
-watts per square metre appear when a Solution is made.
+A photon is added once, to the deepest node at its texel. The total that a node has received is its own sum plus what it has shot on to its
+children, so p_received and p_shot need no counters of their own. During the run only sums are kept; irradiance is computed with a Solution.
 
-Components of light: 0 direct, 1 indirect; where rays find the direct light photons bring the indirect alone, and the sums
-have that one component: C is 2 or 1. Halves: even and odd shards.
+Components of light: 0 direct, 1 indirect. If rays find the direct light, photons carry indirect light only and the sums have that one
+component: C is 2 or 1. The two halves are the even and the odd shards.
 Source: [Tobler97] 3.1 (counters), eq. 9 (coefficients), eq. 10 (nodes that were made late).
 """
 
@@ -25,13 +24,13 @@ from .quadtree import Quadtree
 COMPONENTS = 2
 HALVES = 2
 CHANNELS = 3
-_SQUARED_W = 1e-15, 1e18  # greatest power of a shard's photons, whose squares, and those of much fainter ones, float32 has room for
+_SQUARED_W = 1e-15, 1e18  # range of a shard's greatest photon power for which float32 can hold its square and those of much fainter photons
 _PART = 1 << 11  # nodes processed at once: the intermediate arrays fit a core's cache
 
 
 @dataclass(frozen=True)
 class ShardTally:
-    """Sums of one shard over the m nodes that it touched.
+    """Sums of one shard at the m nodes that its photons hit.
 
     node      (m,) int64, ascending
     count     (m,) int64, photons
@@ -46,7 +45,7 @@ class ShardTally:
 
     @classmethod
     def join(cls, parts: Sequence[ShardTally]) -> ShardTally:
-        """The sums of all."""
+        """The sum of several."""
         node = np.unique(np.concatenate([part.node for part in parts]))
         shape, m = parts[0].raw.shape[:-1], len(node)
         out = cls(node, np.zeros(m, np.int64), np.zeros((CHANNELS, m)), np.zeros((*shape, m)))
@@ -72,9 +71,9 @@ def deposit(
     node       (m,) int, the deepest node at each hit
     s, t       (m,) float, node coordinates
     flux       (3, m) float, W
-    is_first   (m,) bool: straight from a light; None is a shard of indirect light alone
+    is_first   (m,) bool: direct light; None for a shard of indirect light alone
     """
-    touched, slot, count = find_touched(node, n_node)  # the size of sums is that of the hits, not of the tree
+    touched, slot, count = find_touched(node, n_node)  # sums are as large as the number of hit nodes, not as the tree
     m = len(touched)
     components = 1 if is_first is None else COMPONENTS
     placed = slot if is_first is None else slot + m * (~is_first)
@@ -83,7 +82,7 @@ def deposit(
     weight2 = np.empty((CHANNELS, m))
     for channel in range(CHANNELS):
         weight2[channel] = np.bincount(slot, _square(flux[channel]), m)
-        power = flux[channel].astype(np.float64)  # once: each sum is made in this precision
+        power = flux[channel].astype(np.float64)  # converted once; all sums are in this precision
         for k, moment in enumerate(moments):
             sums = np.bincount(placed, power * moment if k else power, components * m)
             raw[:, channel, k] = sums.reshape(components, m)
@@ -91,9 +90,8 @@ def deposit(
 
 
 def find_touched(node: IntArray, n_node: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Distinct places (k,) int64, ascending, of places (m,) int < n_node; index of each among them (m,) int64; and their counts (k,).
-
-    As np.unique finds by sorting.
+    """As np.unique with inverse and counts, but without sorting: distinct nodes (k,) int64, ascending, of node (m,) int < n_node; the index
+    of each node among them (m,) int64; and their counts (k,).
     """
     count = np.bincount(node, minlength=n_node)
     touched = np.flatnonzero(count)
@@ -103,7 +101,7 @@ def find_touched(node: IntArray, n_node: int) -> tuple[NDArray[np.int64], NDArra
 
 
 def _square(power: FloatArray) -> FloatArray:
-    """(m,), W^2: of a shard's photons, (m,) W; in their own precision unless that has no room for it."""
+    """(m,), W^2: squares of the powers of a shard's photons, (m,) W; in float64 if float32 cannot hold them."""
     greatest = float(power.max(initial=0.0))
     plain = greatest == 0.0 or _SQUARED_W[0] < greatest < _SQUARED_W[1]
     squares: FloatArray = np.square(power, dtype=None if plain else np.float64)
@@ -114,7 +112,7 @@ def _square(power: FloatArray) -> FloatArray:
 class Tally:
     """Sums that every node received while it was the deepest; grows in place.
 
-    photons   (2,) float64: emitted, per half, each counted by its weight
+    photons   (2,) float64: number emitted, per half
     count     (n,) int64
     weight2   (3, n) float64, W^2
     raw       (2, C, 3, K, n) float64, W: half, component, channel, monomial
@@ -136,7 +134,7 @@ class Tally:
         )
 
     def grow(self, n_node: int) -> None:
-        """Appends zeros for nodes added to the tree."""
+        """Append zeros for nodes that were added to the tree."""
         more = n_node - len(self.count)
         if more:
             self.count = np.pad(self.count, (0, more))
@@ -152,17 +150,17 @@ class Tally:
 
 
 def _rows_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, n): the same sums (..., n), one row for each kind."""
+    """(k, n): sums (..., n), reshaped."""
     return sums.reshape(math.prod(sums.shape[:-1]), sums.shape[-1])
 
 
 @dataclass(frozen=True)
 class Totals:
-    """Own sums plus everything below, for all nodes; fields as in Tally.
+    """Sums of all nodes including everything below them; fields as in Tally.
 
-    received   (n,) int64: p_received, photons that reached the node since it exists
-    shot       (n,) int64: p_shot, those passed on to its children
-    shot_raw   (2, C, 3, K, n) float64, W: the part of raw that the photons shot make
+    received   (n,) int64: p_received, number of photons that reached the node since it exists
+    shot       (n,) int64: p_shot, number of those that were passed on to its children
+    shot_raw   (2, C, 3, K, n) float64, W: the part of `raw` from photons that were passed on
     """
 
     photons: NDArray[np.float64]
@@ -179,7 +177,7 @@ def parts_of(nodes: NDArray[np.int64], size: int = _PART) -> Iterator[NDArray[np
 
 
 def accumulate(tree: Quadtree, tally: Tally) -> Totals:
-    """Sums of every node from those of the deepest, exactly, level by level from the bottom."""
+    """Sums of every node from those of the deepest, exact, level by level from the bottom."""
     transforms = basis.parent_transforms(tree.degree)
     received, weight2, raw = tally.count.copy(), tally.weight2.copy(), tally.raw.copy()
     shot, shot_raw = np.zeros_like(received), np.zeros_like(raw)
@@ -201,15 +199,15 @@ def accumulate(tree: Quadtree, tally: Tally) -> Totals:
 
 @dataclass(frozen=True)
 class Solution:
-    """Irradiance of nodes; 0 for nodes outside of those passed to solve_tallies.
+    """Irradiance of nodes; 0 for nodes that solve_tallies did not solve.
 
     coefficient   (2, 3, K, n) float64, W/m^2: per component and channel, of the monomials in node coordinates
-    half          (2, 3, K, n) float64, W/m^2: both components, from each half alone
-    flux_half     (2, 3, n) float64, W: both components, from each half alone
-    flux          (3, n) float64, W: both components
-    variance      (3, n) float64, (W/m^2)^2: of the node's mean irradiance; at a point of the node the variance is this
-                  times the area times the sum of the squared basis functions there
-    scale         (3, n) float64: eq. 10, all the light of a node over the light it saw itself; 0 where it saw none
+    half          (2, 3, K, n) float64, W/m^2: sum of components, from each half alone
+    flux_half     (2, 3, n) float64, W: sum of components, from each half alone
+    flux          (3, n) float64, W: sum of components
+    variance      (3, n) float64, (W/m^2)^2: variance of the node's mean irradiance; at a point of the node the variance is this times the
+                  area times the sum of the squared basis functions
+    scale         (3, n) float64: eq. 10, all the light of a node over the light of the photons it received itself; 0 if it received none
     """
 
     coefficient: NDArray[np.float64]
@@ -221,14 +219,14 @@ class Solution:
 
 
 def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | None = None) -> Solution:
-    """Irradiance of nodes, late nodes scaled up to all the light their ancestors received.
+    """Irradiance of nodes; nodes that were made late are scaled up to all the light that their ancestors received.
 
-    nodes   (m,) int64: nodes to solve, all if None; others that are no ancestors of them are 0
+    nodes   (m,) int64: nodes to solve, together with their ancestors; all if None
     """
     transforms = basis.parent_transforms(tree.degree).transpose(0, 2, 1)
     n_component, *rest = totals.raw.shape[1:]
     functions = np.zeros((COMPONENTS + HALVES, *rest))
-    fitted = functions[COMPONENTS - n_component :]  # of _join_views
+    fitted = functions[COMPONENTS - n_component :]  # components and halves, in the order of _join_views
     view_scale = np.ones((*fitted.shape[:2], len(tree)))
     flux_half, (flux, scale, variance) = np.zeros((HALVES, CHANNELS, len(tree))), np.zeros((3, CHANNELS, len(tree)))
     # As float: from 3e9 on the square exceeds any integer type.
@@ -244,7 +242,7 @@ def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | Non
                 view_scale[..., part] = np.where(seen, view_scale.take(parent, axis=-1) * (received / np.where(seen, shot, 1.0)), 0.0)
                 own *= view_scale[:, :, None, part]
                 if not seen.all():
-                    # A component that reached no child since there are children: the parent's own function holds on.
+                    # If a component reached no child since there are children, the parent's function is inherited.
                     inherited = basis.apply_transforms(transforms, tree.quadrant[part], fitted.take(parent, axis=-1))
                     own = np.where(seen[:, :, None], own, inherited)
             fitted[..., part] = own
@@ -252,14 +250,14 @@ def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | Non
             arrived = raw[:n_component, :, 0].sum(0) / photons[0]
             light = whole[:n_component].sum(0)
             factor = np.where(arrived > 0.0, np.abs(light) / np.where(arrived > 0.0, arrived, 1.0), 0.0)
-            area2 = np.maximum(tree.area[part] ** 2, np.finfo(float).tiny)  # of the square: that of the smallest number is 0
+            area2 = np.maximum(tree.area[part] ** 2, np.finfo(float).tiny)  # the square of a tiny area would underflow to 0
             flux_half[..., part], flux[:, part], scale[:, part] = whole[n_component:], light, factor
             variance[:, part] = totals.weight2[:, part] * factor**2 / photons[0] ** 2 / area2
     return Solution(functions[:COMPONENTS], functions[COMPONENTS:], flux_half, flux, variance, scale)
 
 
 def _find_above(tree: Quadtree, nodes: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
-    """Nodes (m,) and all that are above them, of each depth from the top; all if None."""
+    """Nodes (m,) and their ancestors, by depth from the top; all nodes if None."""
     if nodes is None:
         return tree.levels
     wanted = np.zeros(len(tree), bool)
@@ -274,11 +272,11 @@ def _find_above(tree: Quadtree, nodes: NDArray[np.int64] | None) -> list[NDArray
 
 
 def with_direct(components: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, ...): values (C, ...) of both components, nothing of the direct one where only the indirect one was counted."""
+    """(2, ...): values (C, ...) of both components, where the direct one is 0 if only the indirect one was tallied."""
     missing = np.zeros((COMPONENTS - len(components), *components.shape[1:]))
     return np.concatenate([missing, components])
 
 
 def _join_views(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(C + 2, ...): of sums (2 halves, C components, ...) those of each component and those of each half."""
+    """(C + 2, ...): sums (2 halves, C components, ...) added over the halves, for each component, then over components, for each half."""
     return np.concatenate([sums.sum(0), sums.sum(1)])

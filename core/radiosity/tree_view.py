@@ -1,4 +1,4 @@
-"""The nodes and squares in which photons are counted, for tracing processes."""
+"""The nodes and squares in which tracing processes tally photons."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .quadtree import Quadtree, node_of_texel
 
 @dataclass(frozen=True)
 class TreeView:
-    """The part of a tree that a tracing process needs to place its hits: the deepest nodes, and squares.
+    """The part of a tree that a tracing process needs to deposit its hits: the deepest nodes, and the squares of subtexel_tally.
 
-    node           (n_texel,) int32
+    node           (n_texel,) int32: deepest node at each texel entry
     centre         (n_node, 2) float32, page texels
     inverse_half   (n_node,) float32, 1/texel
-    square_entry   (k,) int32, ascending: texel entries whose squares have counters too
+    square_entry   (k,) int32, ascending: texel entries whose squares have a tally of their own
     """
 
     node: NDArray[np.int32]
@@ -41,7 +41,7 @@ class TreeView:
         """
         node = self.node.take(entry, mode="wrap")
         inverse_half = self.inverse_half.take(node, mode="wrap")
-        # A texel at the node's edge may extend to half of the next one, see split_texels; the polynomial is not extrapolated farther.
+        # A texel at the node's edge may extend over half of the next one, see split_texels; beyond that the polynomial is not extrapolated.
         most = 1.0 + 0.5 * inverse_half
         least, places = -most, []
         for axis, at in enumerate((x, y)):
