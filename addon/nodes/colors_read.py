@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...core.scene.scene import DIFFUSE, GLOSSY, SHADOW, TRANSMISSION
 from .color_attributes import ColorLayer, ColorTable, Faces
 from .color_nodes import read_function
 from .derived_images import AT_CORNERS, Formula, derive, derive_painted, lie_alike
@@ -25,9 +26,16 @@ from .texture_mapping import UV, UvMapping, read_mapping
 
 FACING: Rgb = (0.5, 0.5, 1.0)  # of a normal map that changes nothing
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
-DIFFUSE, SHADOW = "Is Diffuse Ray", "Is Shadow Ray"
-_REFLECTED = "Is Reflection Ray"  # of diffuse reflection, too
-_SEEN_AS = {DIFFUSE: (DIFFUSE, _REFLECTED, "Ray Depth", "Diffuse Depth"), SHADOW: (SHADOW, "Ray Depth", "Diffuse Depth")}  # what is 1 then
+# Outputs of Light Path nodes that are not 0, by the kind of ray. The first ray of all leaves what is baked, and is a diffuse one.
+_FIRST = {"Ray Depth": 1.0, "Diffuse Depth": 1.0}
+_LATER = {"Ray Depth": 2.0, "Diffuse Depth": 1.0}
+_LIGHT_PATH: dict[int, dict[str, float]] = {
+    DIFFUSE: {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, **_FIRST},
+    GLOSSY: {"Is Glossy Ray": 1.0, "Is Reflection Ray": 1.0, "Glossy Depth": 1.0, **_LATER},
+    TRANSMISSION: {"Is Transmission Ray": 1.0, "Is Glossy Ray": 1.0, "Transmission Depth": 1.0, **_LATER},
+    SHADOW: {"Is Shadow Ray": 1.0, **_FIRST},
+}
+_KNOWN_RAYS = {name for outputs in _LIGHT_PATH.values() for name in outputs if name.startswith("Is ")}
 REPLACED_BY_GREY = "is replaced by a grey of 0.5"
 
 
@@ -43,7 +51,7 @@ class ColorReader:
     mended     what was no number, in order
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of
-    ray        DIFFUSE or SHADOW, the kind of rays that see the surface; by_ray tells whether what was read depends on it
+    ray        the kind of ray that sees the surface, of core.scene; by_ray tells whether what was read depends on it
     sky        of a world alone: reads an environment texture, None where it cannot, and what Light Path nodes give
     """
 
@@ -337,14 +345,14 @@ def _read_output_value(reader: ColorReader, port: Port) -> Color:
 
 
 def _read_light_path(reader: ColorReader, port: Port) -> Color:
-    """As a ray sees it that gathers diffuse light, or a shadow ray."""
+    """As a ray of the reader's kind sees it."""
     reader.by_ray = True
     name = port.socket.name
     if reader.sky:
         return Color((reader.sky[1].get(name, 0.0),) * 3)
-    if name not in (*_SEEN_AS, _REFLECTED):
+    if name not in _KNOWN_RAYS:
         reader.note(f"{describe(port.node)} is taken as diffuse rays see it")
-    return Color(WHITE if name in _SEEN_AS[reader.ray] else BLACK)
+    return Color((_LIGHT_PATH[reader.ray].get(name, 0.0),) * 3)
 
 
 def _read_fresnel(reader: ColorReader, port: Port) -> Color:

@@ -33,8 +33,6 @@ from .uv_layer import has_room, name_ours
 from .world_cache import MapCache
 from .world_read import World, is_textured, read_world
 
-_OTHER_RAYS = {"glossy": "metal", "transmission": "glass"}  # kinds of rays, and what sends them on
-
 
 @dataclass(frozen=True)
 class ExportedObject:
@@ -148,7 +146,7 @@ class _FoundPiece:
     has_room   whether that mesh takes another UV layer
     own_size   corners and polygons of the source's own mesh, own_mesh its session_uid; 0 of what is not the source itself
     original_uid   session_uid of what it is an instance of, or of the source itself
-    unlike     kinds of rays, of _OTHER_RAYS, that see it where diffuse rays do not, or the other way round
+    seen_by    as of SceneObject
     """
 
     worn: WornPiece
@@ -162,8 +160,7 @@ class _FoundPiece:
     own_mesh: int
     original_uid: int
     casts_shadow: bool
-    reflects: bool
-    unlike: tuple[str, ...]
+    seen_by: tuple[bool, bool, bool]
     is_linking: bool
 
 
@@ -185,7 +182,6 @@ class SceneReading:
         self._profiles: list[Any] = []
         self._curves: set[str] = set()
         self._original_uid: dict[str, int] = {}  # by the object's name in the snapshot: of what it is an instance of
-        self._unlike: list[tuple[str, str, bool]] = []  # name, kind of rays of _OTHER_RAYS, and whether diffuse rays see it
 
     def read_images(self, view_layer: Any) -> Steps[None]:
         """Wait for the images that materials show, where there is something better to do meanwhile."""
@@ -262,7 +258,6 @@ class SceneReading:
             world_map=self._world.map,
             profiles=tuple(self._profiles),
         )
-        self._warn_rays(snapshot)
         exported = tuple(entry[0] for entry in self._found)
         warnings = tuple(dict.fromkeys(self._warnings))
         return ExportResult(snapshot, exported, warnings)
@@ -285,7 +280,8 @@ class SceneReading:
         self._check_time(source.name)
         local = self._read_local(piece)
         receives = choice.role == BAKE and self._receivers.receives(piece)
-        unseen = not evaluated.visible_shadow and not evaluated.visible_diffuse
+        seen_by = evaluated.visible_diffuse, evaluated.visible_glossy, evaluated.visible_transmission
+        unseen = not evaluated.visible_shadow and not any(seen_by)
         if not local.n_polygon or (unseen and not receives):
             if receives:
                 self._receivers.warn_no_faces(piece)
@@ -310,8 +306,7 @@ class SceneReading:
                 own_mesh=find_users_mesh(source).session_uid if own else 0,
                 original_uid=evaluated.original.session_uid,
                 casts_shadow=evaluated.visible_shadow,
-                reflects=evaluated.visible_diffuse,
-                unlike=tuple(name for name in _OTHER_RAYS if getattr(evaluated, f"visible_{name}") != evaluated.visible_diffuse),
+                seen_by=seen_by,
                 is_linking=linking is not None and bool(linking.receiver_collection or linking.blocker_collection),
             )
         )
@@ -325,7 +320,6 @@ class SceneReading:
             return
         if found.is_linking:
             self._warn_linking(source, arrays)
-        self._unlike.extend((source, kind, found.reflects) for kind in found.unlike)
         if receives and arrays.is_clear:
             receives, reason = False, ""
             self._warnings.append((source, "light passes through it and none is reflected, so it gets no lightmap"))
@@ -344,7 +338,7 @@ class SceneReading:
             receives=receives,
             has_layer=found.has_layer and receives,
             casts_shadow=found.casts_shadow,
-            reflects=found.reflects,
+            seen_by=found.seen_by,
             sides=found.choice.sides,
             density_factor=found.choice.density_factor,
         )
@@ -395,16 +389,6 @@ class SceneReading:
     def _warn_linking(self, name: str, arrays: PieceArrays) -> None:
         if any(any(self._materials.readings[index].material.emission_rgb) for index in set(arrays.tri_material.tolist())):
             self._warnings.append((name, "its light linking is left out: what glows lights every object"))
-
-    def _warn_rays(self, snapshot: SceneSnapshot) -> None:
-        """Objects that not all rays see alike, where something in the scene reflects or bends light by rays of that kind."""
-        shines = {"glossy": any(any(one.metal_rgb) for one in snapshot.materials)}
-        shines["transmission"] = any(any(one.glass_rgb) or any(one.glass_mirror_rgb) for one in snapshot.materials)
-        for name, kind, is_seen in self._unlike:
-            what = _OTHER_RAYS[kind]
-            here = f"here {what} sends its light on" if is_seen else f"here {what} does not send its light on either"
-            if shines[kind]:
-                self._warnings.append((name, f"Ray Visibility, {kind.title()}, is taken as Diffuse is: {here}"))
 
     def _warn_faces(self, name: str, arrays: PieceArrays, receives: bool) -> None:
         count = arrays.world.left_out

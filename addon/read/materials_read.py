@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core.scene.scene import TEXTURE_UVS, Material
+from ...core.scene.scene import DIFFUSE, GLOSSY, SEEN_BY_ALL, SHADOW, TEXTURE_UVS, TRANSMISSION, Material
 from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
-from ..nodes.colors_read import SHADOW, ColorReader
+from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS, ImageTable
-from ..nodes.node_colors import GREY, Color, Rgb, to_rgb
+from ..nodes.node_colors import GREY, Color, Rgb, add_rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
 from ..nodes.polygon_atlas import BakedLayer
 from ..nodes.socket_bake import SocketBaker
@@ -19,6 +19,7 @@ from .render_levels import Warnings
 from .shaders_read import PAINT, Surface, read_shader
 
 _IMAGES = tuple(image for images in TEXTURE_UVS.values() for image in images)
+_ALIKE = 1e-4  # of reflectances
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class MaterialReading:
     @property
     def is_clear(self) -> bool:
         """Whether light goes through it and none is reflected, so that a lightmap has nothing to show."""
-        return any((*self.material.passing_rgb, *self.material.glass_rgb)) and not any(self.material.albedo_rgb)
+        passes = any((*self.material.passing_rgb, *self.material.glass_rgb))
+        return passes and not (any(self.material.albedo_rgb) and any(self.material.seen_rgb[DIFFUSE]))
 
 
 class MaterialTable:
@@ -85,13 +87,8 @@ class MaterialTable:
         if material is None:
             return MaterialReading(Material("", GREY))
         surface = read_material(reader, material)
-        shadow: Color | None = None
-        if reader.by_ray:
-            reader.ray = SHADOW
-            shadow = read_material(reader, material).passing
-            if shadow.image >= 0 and surface.passing.image >= 0 and shadow.mapping != surface.passing.mapping:
-                reader.note("its transparency for shadow rays is replaced by its mean, for it is mapped in another way")
-                shadow = Color(shadow.mean)
+        seen = _read_by_ray(reader, material, surface) if reader.by_ray else _SeenByRay(surface, {}, surface.passing.mapping)
+        surface, passing = seen.surface, seen.passing
         if reader.replaced or reader.mended:
             self._warnings.append((material.name, f"the material is simplified: {'; '.join([*reader.replaced, *reader.mended])}"))
         return MaterialReading(
@@ -103,8 +100,9 @@ class MaterialTable:
                 emission_image=surface.emission.image,
                 passing_rgb=_clip_negative(surface.passing.rgb),
                 passing_image=surface.passing.image,
-                shadow_passing_rgb=None if shadow is None else _clip_negative(shadow.rgb),
-                shadow_passing_image=-1 if shadow is None else shadow.image,
+                **passing,
+                seen_rgb=seen.seen_rgb,
+                glow_rgb=seen.glow_rgb,
                 normal_image=-1 if reader.normal is None else reader.normal.image,
                 normal_strength=reader.normal_strength,
                 metal_rgb=_clip_negative(surface.metal.rgb),
@@ -136,7 +134,7 @@ class MaterialTable:
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
-            shadow.mapping if shadow and shadow.image >= 0 else surface.passing.mapping,
+            seen.passing_mapping,
             UNMAPPED if reader.normal is None else reader.normal.mapping,
             surface.metal.mapping,
             surface.glass.mapping,
@@ -144,6 +142,78 @@ class MaterialTable:
             UNMAPPED if surface.lobes is None else surface.lobes.mapping,
             reader.tangent_layer,
         )
+
+
+@dataclass(frozen=True)
+class _SeenByRay:
+    """What rays of each kind see of a material.
+
+    surface    as diffuse rays see it; what is reflected and bent, where they see nothing of it, as those do that see some
+    passing    fields of Material for other rays
+    seen_rgb, glow_rgb   of Material
+    """
+
+    surface: Surface
+    passing: dict[str, Any]
+    passing_mapping: UvMapping | ColorLayer | BakedLayer
+    seen_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
+    glow_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
+
+
+def _read_by_ray(reader: ColorReader, material: Any, diffuse: Surface) -> _SeenByRay:
+    """By a reader that has read what diffuse rays see."""
+    seen = [diffuse, diffuse, diffuse]
+    fields: dict[str, Any] = {}
+    mapping = diffuse.passing.mapping if diffuse.passing.image >= 0 else None
+    for kind, name in ((GLOSSY, "glossy"), (TRANSMISSION, "transmission"), (SHADOW, "shadow")):
+        reader.ray = kind
+        surface = read_material(reader, material)
+        if kind != SHADOW:
+            seen[kind] = surface
+        passing = surface.passing
+        if passing == diffuse.passing:
+            continue
+        if passing.image >= 0 and passing.mapping != (mapping or passing.mapping):
+            reader.note(f"its transparency for {name} rays is replaced by its mean, for it is mapped in another way")
+            passing = Color(passing.mean)
+        elif passing.image >= 0:
+            mapping = passing.mapping
+        fields[f"{name}_passing_rgb"], fields[f"{name}_passing_image"] = _clip_negative(passing.rgb), passing.image
+    reader.ray = DIFFUSE
+    shown = next((surface for surface in seen if any(_find_sent(surface))), diffuse)
+    is_exact = all(_is_scaled(surface, shown) for surface in seen)
+    if not is_exact or (not any(diffuse.emission.mean) and any(any(surface.emission.mean) for surface in seen)):
+        reader.note("what glossy and transmission rays see of it is approximated")
+    seen_rgb, glow_rgb = (
+        (_divide(of_each[DIFFUSE], base), _divide(of_each[GLOSSY], base), _divide(of_each[TRANSMISSION], base))
+        for of_each, base in (
+            ([_find_sent(surface) for surface in seen], _find_sent(shown)),
+            ([surface.emission.mean for surface in seen], diffuse.emission.mean),
+        )
+    )
+    surface = replace(shown, passing=diffuse.passing, emission=diffuse.emission)
+    return _SeenByRay(surface, fields, mapping or UNMAPPED, seen_rgb, glow_rgb)
+
+
+def _find_sent(surface: Surface) -> Rgb:
+    """What it sends on, on average."""
+    return add_rgb(surface.albedo.mean, surface.glass.mean)
+
+
+def _is_scaled(surface: Surface, shown: Surface) -> bool:
+    """Whether it sends on what `shown` does but for a factor."""
+    factor = _divide(_find_sent(surface), _find_sent(shown))
+    parts = ((getattr(surface, name), getattr(shown, name)) for name in ("albedo", "metal", "glass", "through"))
+    return not any(_find_sent(surface)) or all(
+        own.image == other.image and max(abs(a - f * b) for a, f, b in zip(own.mean, factor, other.mean, strict=True)) < _ALIKE
+        for own, other in parts
+    )
+
+
+def _divide(rgb: Rgb, base: Rgb) -> Rgb:
+    """1 where the base is 0."""
+    r, g, b = (own / of if of > 0.0 else 1.0 for own, of in zip(rgb, base, strict=True))
+    return r, g, b
 
 
 def _move_images(material: Material, place: dict[int, int]) -> Material:

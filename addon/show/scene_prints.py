@@ -28,7 +28,7 @@ Prints = dict[str, str]  # "OBJECT Lamp", "MATERIAL Wall" or "WORLD World" -> di
 PRINTS = "leaflight_prints"  # on a scene that wears a bake: Baked, as JSON
 
 _UNSEEN = {"CAMERA", "SPEAKER", "LIGHT_PROBE", "ARMATURE", "LATTICE"}  # what they move is printed with what they move
-_LOOKS = ("visible_diffuse", "visible_shadow", "instance_type", "show_instancer_for_render")
+_LOOKS = ("visible_diffuse", "visible_glossy", "visible_transmission", "visible_shadow", "instance_type", "show_instancer_for_render")
 _NAMED = 3  # of what has changed, in one line
 
 
@@ -128,7 +128,7 @@ def _read_object(obj: bpy.types.Object, meshes: dict[int, str]) -> tuple[Any, ..
     ]
     looks: list[Any] = [getattr(obj, name) for name in _LOOKS]
     if obj.type == "LIGHT":
-        looks += [obj.visible_glossy, obj.visible_transmission, list_linked(obj)]
+        looks.append(list_linked(obj))
     return (obj.type, place, looks, slots, modifiers, choice, _read_data(obj, meshes))
 
 

@@ -16,12 +16,12 @@ from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.environment_table import EnvironmentTable
 from ..lights.lamp_crowd import LampCrowd, RestOfCrowd
-from ..lights.light_links import DIFFUSE, LightLinks
+from ..lights.light_links import LightLinks
 from ..lights.sky_openings import Openings
 from ..lights.stratified_choice import Demand, Span
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
-from ..scene.scene import SceneSnapshot
+from ..scene.scene import DIFFUSE, SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, collapse
 from ..texels.texel_footprint import TexelLooks
 from ..texels.tiles import Tiles
@@ -65,7 +65,7 @@ class DirectScene:
         lamps, suns, world = make_lamps(snapshot, unit_box, plain), make_suns(snapshot, plain), make_world(snapshot)
         crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS and uses("lamp_crowd") else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
-        groups = [cells for _, cells in meshes.by_material]
+        groups = [cells for _, cells in meshes.by_material if cells.link < 0 or links.seen_rgb[DIFFUSE, :, cells.link].any()]
         pool, sealed = None, meshes.tri_sealed
         textured = any(snapshot.materials[index].emission_image >= 0 for index, _ in meshes.by_material)
         few = sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES or not uses("emitter_pool")
@@ -110,7 +110,7 @@ def _link_sources(
     links: LightLinks,
 ) -> Iterator[_LinkedSource]:
     """Those that diffuse surfaces see."""
-    for row in np.flatnonzero(links.seen_by[DIFFUSE]):
+    for row in np.flatnonzero(links.seen_rgb[DIFFUSE].any(axis=0)):
         lights = [light for light, own in zip(snapshot.lights, links.of_light, strict=True) if own == row]
         blocks, own_rays = links.blocks[row], rays
         if not blocks.all():

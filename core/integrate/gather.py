@@ -19,6 +19,7 @@ from ..lights.emitters import rotate_to
 from ..lights.stratified_choice import Demand, Span, gather_until_sure
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
+from ..scene.scene import DIFFUSE, GLOSSY
 from ..scene.shadow_rays import MOST_LAYERS
 from ..scene.surface_cells import SurfaceCells
 from ..texels.texel_map import TexelMap
@@ -134,7 +135,7 @@ class _Gathering:
         # By a shading normal some rays go below the face: what comes from there is not seen, as with the sky.
         ray = np.flatnonzero((direction * receivers.side).sum(axis=1) > 0)
         origin, aimed, direction = take_rows(receivers.position, ray), direction, take_rows(direction, ray)
-        share = np.ones((3, len(ray)), np.float32)
+        share, kind = np.ones((3, len(ray)), np.float32), np.full(len(ray), DIFFUSE)
         shade = receivers.shade_bumps(aimed)
         if shade is not None:
             share *= shade[ray]
@@ -143,20 +144,22 @@ class _Gathering:
             traced += len(ray)
             hit = np.flatnonzero(found.tri >= 0)
             tri, u, v = found.tri[hit], found.u[hit], found.v[hit]
-            ray, direction, share = ray[hit], take_rows(direction, hit), share[:, hit]
-            self._add(sent, rows, span, ray, direction, share, (tri, u, v))
+            ray, direction, share, kind = ray[hit], take_rows(direction, hit), share[:, hit], kind[hit]
+            tri_seen = scene.surfaces.tri_seen
+            seen = share if tri_seen is None else share * tri_seen[kind, :, tri].T
+            self._add(sent, rows, span, ray, direction, seen, (tri, u, v))
             onward = []
             if scene.passing is not None:
-                on, start, left = scene.passing.follow(direction.T, share, tri, u, v)
-                onward.append((ray[on], start, direction.T[:, on], left))
+                on, start, left = scene.passing.follow(direction.T, share, tri, u, v, kind)
+                onward.append((ray[on], start, direction.T[:, on], left, kind[on]))
             if scene.mirrors is not None:
-                on, start, turned, left = follow_mirrors(scene.mirrors, direction.T, share, tri, u, v, self._rng)
-                onward.append((ray[on], start, turned, left))
-                on, start, turned, left = follow_glass(scene.mirrors, direction.T, share, tri, u, v, self._rng)
-                onward.append((ray[on], start, turned, left))
+                on, start, turned, left = follow_mirrors(scene.mirrors, direction.T, seen, tri, u, v, self._rng)
+                onward.append((ray[on], start, turned, left, np.full(len(on), GLOSSY)))
+                on, start, turned, left, kinds = follow_glass(scene.mirrors, direction.T, seen, tri, u, v, self._rng)
+                onward.append((ray[on], start, turned, left, kinds))
             if not sum(len(part[0]) for part in onward):
                 break
-            ray = np.concatenate([part[0] for part in onward])
+            ray, kind = (np.concatenate([part[k] for part in onward]) for k in (0, 4))
             origin, direction, share = (np.concatenate([part[k] for part in onward], axis=1) for k in (1, 2, 3))
             origin, direction = origin.T, direction.T
         return np.moveaxis(sent.reshape(3, count, len(rows)), 0, -1), traced

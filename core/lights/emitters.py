@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.materials import SurfaceMaterials
-from ..scene.scene import Light, SceneSnapshot
+from ..scene.scene import RAY_KINDS, Light, SceneSnapshot
 from ..scene.scene_cover import SceneCover
 from ..scene.sealed_solids import find_sealed
 from ..util.arrays import Float32, Float64, FloatArray
@@ -40,13 +40,12 @@ class EmittingMeshes:
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> EmittingMeshes:
-        by_material = tuple(find_emitting_cells(snapshot, surfaces))
+        by_material = tuple(find_emitting_cells(snapshot, surfaces, LightLinks.of(snapshot)))
         shines = np.zeros(snapshot.n_tri, bool)
         for _, cells in by_material:
             shines[cells.tri] = True
-        passes = (
-            surfaces.find_passing(shadow=True)[0] | surfaces.find_passing(shadow=False)[0] | surfaces.find_glass() | surfaces.find_through()
-        )
+        passes = np.logical_or.reduce([surfaces.find_passing(kind)[0] for kind in RAY_KINDS])
+        passes |= surfaces.find_glass() | surfaces.find_through()
         return cls(by_material, find_sealed(snapshot, shines, passes))
 
 
@@ -68,6 +67,7 @@ class MeshEmitter:
     tri_normal: Float32
     surfaces: SurfaceMaterials
     casts_shadow: bool = True
+    link: int = -1
 
     @cached_property
     def _is_uniform(self) -> bool:
@@ -219,5 +219,5 @@ def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surface
         sides = sides_of[cells.tri]
         power = math.pi * ((sides * cells.area_m2)[:, None] * cells.mean_rgb).sum(axis=0)
         table = AliasTable(cells.importance * sides)
-        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, sides, table, frame, normal, surfaces))
+        emitters.append(MeshEmitter(snapshot.materials[index].name, power, cells, sides, table, frame, normal, surfaces, link=cells.link))
     return emitters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import take_rows, triangle_normals_areas
 from ..util.sampling import square_to_uniform_triangle
+from .light_links import LightLinks
 
 _MAX_CELLS = 2**17
 _FIRST_CELLS = 2**16, 64  # in all, and per side of a triangle: the distance from a near receiver varies over a triangle
@@ -41,6 +42,7 @@ class EmittingCells:
     constant     whether every cell's radiance is its mean_rgb everywhere
     part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part to which the domain maps, see
                                     slender_triangles; None if no triangle is cut into parts
+    link         row of LightLinks, -1 of none
     """
 
     tri: NDArray[np.int64]
@@ -50,6 +52,7 @@ class EmittingCells:
     mean_rgb: Float64
     constant: bool
     part: Float32 | None = None
+    link: int = -1
 
     def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
         """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
@@ -65,7 +68,7 @@ class EmittingCells:
         if not np.array_equal(self.mean_rgb, self.mean_rgb[first][whose]):
             return self
         area: Float64 = np.bincount(whose, self.area_m2).astype(np.float64)
-        return EmittingCells(tri, self.corner[first], self.side[first], area, self.mean_rgb[first], True)
+        return EmittingCells(tri, self.corner[first], self.side[first], area, self.mean_rgb[first], True, link=self.link)
 
     @property
     def importance(self) -> Float64:
@@ -76,23 +79,25 @@ class EmittingCells:
         return self.area_m2 * radiance
 
 
-def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> list[tuple[int, EmittingCells]]:
-    """(material, cells) of every emitting material with area, on objects that other surfaces see; textured cells of constant radiance are a
-    separate entry.
+def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, links: LightLinks) -> list[tuple[int, EmittingCells]]:
+    """(material, cells) of every emitting material with area, on objects that other surfaces see; those of each row of LightLinks, and
+    textured cells of constant radiance, are separate entries.
     """
     emitting = [i for i, material in enumerate(snapshot.materials) if any(material.emission_rgb)]
     if not emitting:
         return []
     position = snapshot.tri_position
     area = triangle_normals_areas(position)[1]
-    lights_others = (area > 0) & np.array([one.reflects for one in snapshot.objects], bool)[snapshot.tri_object]
+    seen = links.seen_rgb.any(axis=(0, 1))
+    lights_others = (area > 0) & ((links.of_tri < 0) | seen[links.of_tri] if len(seen) else True)
     found = []
     for index in emitting:
-        tri = np.flatnonzero((snapshot.tri_material == index) & lights_others)
-        if len(tri):
+        own = np.flatnonzero((snapshot.tri_material == index) & lights_others)
+        for link in np.unique(links.of_tri[own]).tolist():
+            tri = own[links.of_tri[own] == link]
             owner, part, part_area = cut_slender(position[tri], area[tri])
             every = _cut_cells(snapshot, surfaces, index, tri[owner], part if len(owner) > len(tri) else None, part_area)
-            found += [(index, cells) for cells in every if cells.mean_rgb.any()]
+            found += [(index, replace(cells, link=link)) for cells in every if cells.mean_rgb.any()]
     return found
 
 

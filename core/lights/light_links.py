@@ -1,4 +1,5 @@
-"""Lamps that do not treat all surfaces or rays alike: which objects they light, which cast their shadows, and which rays see them.
+"""Lamps and glowing meshes that do not treat all surfaces or rays alike: which objects they light, which cast their shadows, and which
+rays see them.
 
 Source: Blender's light linking and shadow linking, and a lamp's ray visibility. A ray is of the kind by which it left the last surface, as
 a light path runs from the receiver to the lamp.
@@ -6,17 +7,19 @@ a light path runs from the receiver to the lamp.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.scene import Light, SceneSnapshot
+from ..scene.materials import find_ray_kinds
+from ..scene.scene import SEEN_BY_ALL, Rgb, SceneSnapshot
 from ..util.arrays import Float32, IntArray
 from ..util.geometry import gather
 
 Bools = NDArray[np.bool_]
-DIFFUSE, GLOSSY, TRANSMISSION = range(3)  # of Light.seen_by
 
 
 @dataclass(frozen=True)
@@ -24,31 +27,37 @@ class LightLinks:
     """A row for each group of lamps with the same choices.
 
     of_light   (n_light,) int16     row of each of the snapshot's lights, -1 where it treats all alike
+    of_tri     (n_tri,) int16       row of the light that each triangle emits, -1 the same
     lit        (n_row, n_tri) bool  triangles that it lights
     blocks     (n_row, n_tri) bool  triangles that cast its shadows
-    seen_by    (3, n_row) bool      whether diffuse, glossy and transmission rays see it
+    seen_rgb   (3, 3, n_row) float32   share that diffuse, glossy and transmission rays see of it, by channel
     """
 
     of_light: NDArray[np.int16]
+    of_tri: NDArray[np.int16]
     lit: Bools
     blocks: Bools
-    seen_by: Bools
+    seen_rgb: Float32
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot) -> LightLinks:
-        rows: dict[tuple[object, ...], int] = {}
+        rows: dict[_Choice, int] = {}
         of_light = np.full(len(snapshot.lights), -1, np.int16)
         for number, light in enumerate(snapshot.lights):
-            choice = (light.lights, light.blocked_by, light.seen_by)
-            if choice != _LIKE_ALL:
-                of_light[number] = rows.setdefault(choice, len(rows))
-        first = [snapshot.lights[int((of_light == row).argmax())] for row in range(len(rows))]
-        lit, blocks = (
-            np.array([_find_chosen(chosen, len(snapshot.objects)) for chosen in lists], bool).reshape(-1, len(snapshot.objects))
-            for lists in ([one.lights for one in first], [one.blocked_by for one in first])
-        )
-        seen_by = np.array([one.seen_by for one in first], bool).reshape(-1, 3).T
-        return cls(of_light, lit[:, snapshot.tri_object], blocks[:, snapshot.tri_object], seen_by)
+            of_light[number] = _find_row(rows, (light.lights, light.blocked_by, _see(SEEN_BY_ALL, light.seen_by)))
+        of_tri = np.full(snapshot.n_tri, -1, np.int16)
+        glows = np.array([any(one.emission_rgb) for one in snapshot.materials], bool)[snapshot.tri_material]
+        kinds, shining = find_ray_kinds(snapshot.materials), np.flatnonzero(glows)
+        pairs = np.stack([snapshot.tri_material[shining], snapshot.tri_object[shining]])
+        for material, thing in np.unique(pairs, axis=1).T.tolist():
+            glow, seen_by = snapshot.materials[material].glow_rgb, snapshot.objects[thing].seen_by
+            row = _find_row(rows, (None, None, _see([glow[kind] for kind in kinds], [seen_by[kind] for kind in kinds])))
+            of_tri[shining[(pairs == [[material], [thing]]).all(axis=0)]] = row
+        count = len(snapshot.objects)
+        lit = np.array([_find_chosen(chosen, count) for chosen, _, _ in rows], bool).reshape(-1, count)
+        blocks = np.array([_find_chosen(chosen, count) for _, chosen, _ in rows], bool).reshape(-1, count)
+        seen = np.array([seen for _, _, seen in rows], np.float32).reshape(-1, 3, 3).transpose(1, 2, 0)
+        return cls(of_light, of_tri, lit[:, snapshot.tri_object], blocks[:, snapshot.tri_object], seen)
 
     def __len__(self) -> int:
         return len(self.lit)
@@ -58,15 +67,15 @@ class LightLinks:
         linked = row >= 0
         own = np.maximum(row, 0).astype(np.intp)
         lit = np.where(linked, self.lit[own, tri], True)
-        seen = np.where(linked, gather(self.seen_by, own), True) & lit
-        return Linked(seen.astype(np.float32), linked & ~self.blocks[own, tri])
+        seen = np.where(linked, gather(self.seen_rgb, own) * lit, np.float32(1))
+        return Linked(seen, linked & ~self.blocks[own, tri])
 
 
 @dataclass(frozen=True)
 class Linked:
     """What becomes of photons where they meet a surface straight from their lamp.
 
-    seen   (3, n) float32: 1 where diffuse, glossy and transmission rays that leave there see the lamp, else 0
+    seen   (3, 3, n) float32: share that diffuse, glossy and transmission rays that leave there see of the light, by channel
     open   (n,) bool: they go on as if nothing were there, whether they light it or not
     """
 
@@ -74,7 +83,17 @@ class Linked:
     open: Bools
 
 
-_LIKE_ALL = (Light.lights, Light.blocked_by, Light.seen_by)
+_Choice: TypeAlias = tuple[tuple[int, ...] | None, tuple[int, ...] | None, tuple[Rgb, ...]]
+_LIKE_ALL: _Choice = (None, None, SEEN_BY_ALL)
+
+
+def _find_row(rows: dict[_Choice, int], choice: _Choice) -> int:
+    """That of a choice, a new one where it has none; -1 of what treats all alike."""
+    return -1 if choice == _LIKE_ALL else rows.setdefault(choice, len(rows))
+
+
+def _see(rgb: Sequence[Rgb], seen_by: Sequence[bool]) -> tuple[Rgb, ...]:
+    return tuple(own if is_seen else (0.0, 0.0, 0.0) for own, is_seen in zip(rgb, seen_by, strict=True))
 
 
 def _find_chosen(chosen: tuple[int, ...] | None, count: int) -> Bools:

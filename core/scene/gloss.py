@@ -197,7 +197,7 @@ class Gloss:
         shiny = np.array(
             [one.layer > 0 or (one.metal > 0 and any(one.metal_rgb)) or one.coat > 0 or any(one.sheen_rgb) for one in scene.materials], bool
         )
-        reflects = np.array([one.reflects for one in scene.objects], bool)[scene.tri_object]
+        reflects = np.array([any(one.seen_by) for one in scene.objects], bool)[scene.tri_object]
         glossy = shiny[scene.tri_material] & reflects
         if not glossy.any():
             return None

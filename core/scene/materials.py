@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..util.arrays import FloatArray, IntArray
 from ..util.geometry import gather, locate_hits, triangle_frames
-from .scene import MAX_ALBEDO, Material, SceneSnapshot
+from .scene import DIFFUSE, GLOSSY, MAX_ALBEDO, RAY_KINDS, SEEN_BY_ALL, SHADOW, TRANSMISSION, Material, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
@@ -50,7 +51,12 @@ class _Layer:
 
 
 class SurfaceMaterials:
-    """Answers albedo, emission and transmittance at points of triangles; one gather where no image is involved."""
+    """Answers albedo, emission and transmittance at points of triangles; one gather where no image is involved.
+
+    tri_seen   (3, 3, n_tri) float32: share of what a surface sends on that diffuse, glossy and transmission rays see of it, by channel;
+               None where each sees all
+    by_kind    whether it makes any difference of which of these kinds rays between surfaces are
+    """
 
     def __init__(self, scene: SceneSnapshot) -> None:
         materials = scene.materials
@@ -68,28 +74,20 @@ class SurfaceMaterials:
         lobes = [(m.roughness, m.metal, m.layer) if m.lobe_image < 0 else (1.0, 1.0, 1.0) for m in materials]
         self._lobes = _layer(scene, lobes, [m.lobe_image for m in materials], scene.tri_lobe_uv, 1.0)
         of_glass = np.array([any(m.glass_rgb) or any(m.glass_mirror_rgb) for m in materials], bool)
-        seen = np.array([one.reflects for one in scene.objects], bool)
-        self._tri_glass: NDArray[np.bool_] = of_glass[scene.tri_material] & seen[scene.tri_object]
-        self._passing = _layer(scene, [m.passing_rgb for m in materials], [m.passing_image for m in materials], scene.tri_passing_uv, 1.0)
-        self._shadow = self._passing
-        if any(material.shadow_passing_rgb is not None for material in materials):
-            shadow = [
-                (m.passing_rgb, m.passing_image) if m.shadow_passing_rgb is None else (m.shadow_passing_rgb, m.shadow_passing_image)
-                for m in materials
-            ]
-            self._shadow = _layer(scene, [rgb for rgb, _ in shadow], [image for _, image in shadow], scene.tri_passing_uv, 1.0)
+        kinds = find_ray_kinds(materials)
+        seen_by = np.array([[one.seen_by[kind] for one in scene.objects] for kind in kinds], bool)
+        self._passing = _layer_passing(scene, kinds, seen_by)
+        self.tri_seen = _find_seen(scene, kinds, seen_by)
+        self.by_kind = self.tri_seen is not None or any(layer is not self._passing[DIFFUSE] for layer in self._passing[:SHADOW])
         self._reflecting = self._albedo
-        unseen = np.array([not one.reflects for one in scene.objects], bool)[scene.tri_object]
+        unseen = ~seen_by.any(axis=0)[scene.tri_object]
+        self._tri_glass: NDArray[np.bool_] = of_glass[scene.tri_material] & ~unseen
         if unseen.any():
-            self._passing = replace(self._passing, **_fill(self._passing, unseen, 1.0))
             self._metal = replace(self._metal, **_fill(self._metal, unseen, 0.0))
             self._through = replace(self._through, **_fill(self._through, unseen, 0.0))
             self._reflecting = replace(self._albedo, **_fill(self._albedo, unseen, 0.0))
         self._tri_through: NDArray[np.bool_] = self._through.tri_rgb.any(axis=0)
         self.has_through = bool(self._tri_through.any())
-        lets_shadow = np.array([not one.casts_shadow for one in scene.objects], bool)[scene.tri_object]
-        if lets_shadow.any():
-            self._shadow = replace(self._shadow, **_fill(self._shadow, lets_shadow, 1.0))
 
     def has_images(self, emission: bool) -> bool:
         """Whether the albedo, or the emission, of any triangle varies over it."""
@@ -149,30 +147,85 @@ class SurfaceMaterials:
         """(n_tri,) bool: triangles of glass that other surfaces see."""
         return self._tri_glass
 
-    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, shadow: bool) -> NDArray[np.float32]:
+    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, kind: int) -> NDArray[np.float32]:
         """Share of light that goes straight on through a surface, within [0, 1].
 
         tri      (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
-        shadow   for light on its way from a lamp, as shadow rays take it; else for light between surfaces
+        kind     SHADOW for light on its way from a lamp; for light between surfaces the kind of ray that looks for it
         out      (n, 3) float32; its transpose is contiguous
         """
-        return (self._shadow if shadow else self._passing).at(tri, u, v)
+        return self._passing[kind].at(tri, u, v)
 
     @property
     def has_two_passings(self) -> bool:
         """Whether anything lets another share of light pass from lamps than between surfaces."""
-        return self._shadow is not self._passing
+        return self._passing[SHADOW] is not self._passing[DIFFUSE]
 
-    def find_passing(self, shadow: bool) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def find_passing(self, kind: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(n_tri,) bool: triangles that light may pass through, and those that it passes through whole, everywhere on them."""
-        layer = self._shadow if shadow else self._passing
+        layer = self._passing[kind]
         passes, whole = layer.tri_rgb.any(axis=0), (layer.tri_rgb == 1).all(axis=0)
         return passes, whole if layer.tri_image is None else whole & (layer.tri_image < 0)
 
     def find_void(self) -> NDArray[np.bool_]:
         """(n_tri,) bool: triangles that light passes as if they were not there."""
-        stops: NDArray[np.bool_] = self._reflecting.tri_rgb.any(axis=0) | self._tri_glass
-        return ~stops & self.find_passing(shadow=True)[1] & self.find_passing(shadow=False)[1]
+        void: NDArray[np.bool_] = ~(self._reflecting.tri_rgb.any(axis=0) | self._tri_glass)
+        for kind in RAY_KINDS:
+            void &= self.find_passing(kind)[1]
+        return void
+
+
+def find_ray_kinds(materials: Sequence[Material]) -> tuple[int, int, int]:
+    """Where diffuse, glossy and transmission rays leave no surface of a kind, DIFFUSE stands for it: nothing is seen by it."""
+    bends = any(any(one.glass_rgb) for one in materials)
+    shines = bends or any(
+        one.layer > 0 or one.coat > 0 or any(one.metal_rgb) or any(one.sheen_rgb) or any(one.glass_mirror_rgb) for one in materials
+    )
+    return DIFFUSE, GLOSSY if shines else DIFFUSE, TRANSMISSION if bends else DIFFUSE
+
+
+def _layer_passing(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArray[np.bool_]) -> list[_Layer]:
+    """What passes of light between surfaces, by the kind of ray, and of that from lamps; the same layer where that is the same.
+
+    seen_by   (3, n_object) bool
+    """
+
+    def make(name: str) -> _Layer:
+        of_kind = [
+            (one.passing_rgb, one.passing_image)
+            if getattr(one, f"{name}passing_rgb") is None
+            else (getattr(one, f"{name}passing_rgb"), getattr(one, f"{name}passing_image"))
+            for one in scene.materials
+        ]
+        return _layer(scene, [rgb for rgb, _ in of_kind], [image for _, image in of_kind], scene.tri_passing_uv, 1.0)
+
+    def open_for(layer: _Layer, unseen: NDArray[np.bool_]) -> _Layer:
+        return replace(layer, **_fill(layer, unseen[scene.tri_object], 1.0)) if unseen.any() else layer
+
+    plain = make("")
+    layers = [open_for(plain, ~seen_by[DIFFUSE])]
+    for kind, name in ((GLOSSY, "glossy_"), (TRANSMISSION, "transmission_")):
+        differs = any(getattr(one, f"{name}passing_rgb") is not None for one in scene.materials)
+        if kinds[kind] == DIFFUSE or not (differs or (seen_by[kind] != seen_by[DIFFUSE]).any()):
+            layers.append(layers[DIFFUSE])
+        else:
+            layers.append(open_for(make(name) if differs else plain, ~seen_by[kind]))
+    shadowless = np.array([not one.casts_shadow for one in scene.objects], bool)
+    differs = any(one.shadow_passing_rgb is not None for one in scene.materials)
+    if not differs and np.array_equal(shadowless, ~seen_by[DIFFUSE]):
+        return [*layers, layers[DIFFUSE]]
+    return [*layers, open_for(make("shadow_") if differs else plain, shadowless)]
+
+
+def _find_seen(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArray[np.bool_]) -> NDArray[np.float32] | None:
+    """As of SurfaceMaterials.tri_seen; all of what nothing sees, whose reflectance is 0 already."""
+    partly = seen_by.any(axis=0) & ~seen_by.all(axis=0)
+    if not partly.any() and all(one.seen_rgb == SEEN_BY_ALL for one in scene.materials):
+        return None
+    of_material = np.array([[one.seen_rgb[kind] for kind in kinds] for one in scene.materials], np.float32).transpose(1, 2, 0)
+    seen: NDArray[np.float32] = of_material[..., scene.tri_material]
+    seen[:, :, partly[scene.tri_object]] *= seen_by[:, None, scene.tri_object][:, :, partly[scene.tri_object]]
+    return None if (seen == 1).all() else np.ascontiguousarray(seen)
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:

@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+Rgb: TypeAlias = tuple[float, float, float]
+# Kinds of rays, as Cycles has them, which looks from the receiver: by what a ray left the surface before. SHADOW are those toward lamps.
+RAY_KINDS = DIFFUSE, GLOSSY, TRANSMISSION, SHADOW = 0, 1, 2, 3
+SEEN_BY_ALL: tuple[Rgb, Rgb, Rgb] = ((1.0, 1.0, 1.0),) * 3
 MAX_ALBEDO = 0.999  # a whiter surface would keep its photons for ever
 # The texture coordinates of a SceneSnapshot, and the images of a Material that lie by each.
 TEXTURE_UVS = {
     "tri_albedo_uv": ("albedo_image",),
     "tri_emission_uv": ("emission_image",),
-    "tri_passing_uv": ("passing_image", "shadow_passing_image"),
+    "tri_passing_uv": ("passing_image", "shadow_passing_image", "glossy_passing_image", "transmission_passing_image"),
     "tri_normal_uv": ("normal_image",),
     "tri_metal_uv": ("metal_image",),
     "tri_glass_uv": ("glass_image",),
@@ -35,7 +39,8 @@ class SceneObject:
     two_sided: bool = False  # light on both sides of a face is summed
     has_layer: bool = False  # tri_uv holds an existing UV layer to be used as it is
     casts_shadow: bool = True
-    reflects: bool = True  # other surfaces see it; else light between them passes through it, and what arrives on it goes no further
+    # Whether diffuse, glossy and transmission rays see it; light between surfaces passes through it for the others.
+    seen_by: tuple[bool, bool, bool] = (True, True, True)
     mesh: int = -1  # objects of one number share a mesh that may hold the UVs of all; -1 shares none
     sides: str = ""  # of settings.SIDES, "" as the settings have it
     density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself
@@ -54,10 +59,17 @@ class Material:
     albedo_image: int = -1
     emission_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/m^2/sr, strength included
     emission_image: int = -1
-    passing_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    passing_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # for diffuse rays
     passing_image: int = -1
     shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays, where it is another than passing_rgb
     shadow_passing_image: int = -1  # with shadow_passing_rgb
+    glossy_passing_rgb: tuple[float, float, float] | None = None  # the same for glossy rays
+    glossy_passing_image: int = -1
+    transmission_passing_rgb: tuple[float, float, float] | None = None  # and for transmission rays
+    transmission_passing_image: int = -1
+    # What diffuse, glossy and transmission rays see of what is reflected and bent, and of the emission, relative to the values here.
+    seen_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
+    glow_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
     normal_image: int = -1  # unit shading normals in the world, in place of those at the corners; or
     normal_strength: float | None = None  # of a normal map in tangent space, from 0 to 1 as its file has it, along tri_tangents
     metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that is a metal's, and reflected as in a mirror

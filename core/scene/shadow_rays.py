@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..util.geometry import gather, locate_hits, offset_origin, triangle_frames
 from .materials import SurfaceMaterials
 from .rays import RayScene
+from .scene import DIFFUSE, SHADOW
 
 MOST_LAYERS = 1024  # transparent triangles along one ray: rounding may hold a ray between two that lie in each other
 
@@ -56,7 +57,7 @@ class Sight:
 class ShadowRays:
     """Answers shadow rays.
 
-    between_surfaces   the same for light between surfaces, which may pass where shadow rays do not; often itself
+    between_surfaces   the same for diffuse rays between surfaces, which may pass where shadow rays do not; often itself
 
     opaque      what lets no light pass
     passing     what lets some pass, None where there is no such triangle
@@ -71,9 +72,9 @@ class ShadowRays:
         surfaces: SurfaceMaterials,
         tri_frame: Float32,
         tri_normal: Float32,
-        shadow: bool,
+        kind: int,
     ) -> None:
-        self._opaque, self._passing, self._surfaces, self._shadow = opaque, passing, surfaces, shadow
+        self._opaque, self._passing, self._surfaces, self._kind = opaque, passing, surfaces, kind
         self._tri_frame, self._tri_normal = tri_frame, tri_normal
         self.between_surfaces = self
 
@@ -82,15 +83,15 @@ class ShadowRays:
         """Those among triangles (n_tri, 3, 3), unit box, with normals (3, n_tri); `rays` meet all of them."""
         frame = triangle_frames(corners)
 
-        def make(shadow: bool) -> ShadowRays:
-            passes, whole = surfaces.find_passing(shadow)
+        def make(kind: int) -> ShadowRays:
+            passes, whole = surfaces.find_passing(kind)
             some = passes & ~whole
             opaque = RayScene(collapse(corners, ~passes)) if passes.any() else rays
-            return cls(opaque, RayScene(collapse(corners, some)) if some.any() else None, surfaces, frame, tri_normal, shadow)
+            return cls(opaque, RayScene(collapse(corners, some)) if some.any() else None, surfaces, frame, tri_normal, kind)
 
-        made = make(True)
+        made = make(SHADOW)
         if surfaces.has_two_passings:
-            made.between_surfaces = make(False)
+            made.between_surfaces = make(DIFFUSE)
         return made
 
     def see(self, origin: Float32, direction: Float32, distance: Float32) -> Sight:
@@ -118,7 +119,7 @@ class ShadowRays:
                 break
             tri, u, v = gather(found.tri, met).astype(np.intp), gather(found.u, met), gather(found.v, met)
             left, distance = gather(left, met), gather(distance, met) - gather(found.distance, met)
-            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, self._shadow).T
+            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, self._kind).T
             rgb[:, left] = share
             on = share.any(axis=0).nonzero()[0]
             left, distance, direction = gather(left, on), gather(distance, on), gather(direction, gather(met, on))

@@ -36,7 +36,12 @@ class Photons:
     stops      (n,) bool        does not pass through surfaces, since light_every_surface made another photon behind the next one
     sky        (n,) bool        comes from an even sky
     mirrored   (n,) bool        has met specular surfaces only
-    link       (n,) int16       row of LightLinks of the photon's lamp, -1 for none
+    link       (n,) int16       row of LightLinks of the photon's light, -1 for none
+    seen       (3, 3, n) float32   share of the flux that diffuse, glossy and transmission rays would see, by channel
+
+    Cycles traces rays from the receiver, and what a ray meets depends on how it left the last surface. A photon goes the same way in
+    reverse: what it left, and all that it passed since, is seen by the kind of ray that leaves the next surface toward it. That is known
+    only there, where the photon is deposited or scattered (diffusely, glossily, or by refraction), so until then it carries all three.
     """
 
     origin: _Rows
@@ -49,6 +54,7 @@ class Photons:
     sky: Bools | None = None
     mirrored: Bools | None = None
     link: NDArray[np.int16] | None = None
+    seen: _Rows | None = None
 
 
 @dataclass(frozen=True)
@@ -238,4 +244,9 @@ def join_photons(waves: list[Photons]) -> Photons:
     if any(one.mirrored is not None for one in waves):
         none = [np.zeros(one.flux.shape[1], bool) for one in waves]
         mirrored = np.concatenate([no if one.mirrored is None else one.mirrored for no, one in zip(none, waves, strict=True)])
-    return Photons(origin, direction, flux, group=np.concatenate(numbers) if numbers else None, power=power, mirrored=mirrored)
+    seen = None
+    if any(one.seen is not None for one in waves):
+        all_seen = [np.ones((3, 3, one.flux.shape[1]), np.float32) if one.seen is None else one.seen for one in waves]
+        seen = np.concatenate(all_seen, axis=2)
+    group = np.concatenate(numbers) if numbers else None
+    return Photons(origin, direction, flux, group=group, power=power, mirrored=mirrored, seen=seen)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
+from ..scene.materials import SurfaceMaterials
 from ..scene.normal_maps import NormalMaps
 from ..util.arrays import IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
@@ -38,6 +39,8 @@ class GlossyScene(Protocol):
     def tri_smooth(self) -> NDArray[np.int32]: ...
     @property
     def smooth_frame(self) -> _Rows: ...
+    @property
+    def surfaces(self) -> SurfaceMaterials: ...
     @property
     def maps(self) -> NormalMaps | None: ...
 
@@ -88,11 +91,18 @@ def reflect_photons(
         return None
     row = gather(gather(place, on), kept)
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), face)
-    return send_on(arrived, group, is_first, row, gather(origin, kept), gather(turned, kept), gather(flux, kept))
+    return send_on(scene, arrived, group, is_first, row, gather(origin, kept), gather(turned, kept), gather(flux, kept))
 
 
 def send_on(
-    arrived: Arrivals, group: NDArray[np.int32] | None, is_first: bool, row: IntArray, origin: _Rows, direction: _Rows, flux: _Rows
+    scene: GlossyScene,
+    arrived: Arrivals,
+    group: NDArray[np.int32] | None,
+    is_first: bool,
+    row: IntArray,
+    origin: _Rows,
+    direction: _Rows,
+    flux: _Rows,
 ) -> Photons:
     """The photons `arrived` in rows (k,) after a specular event, with new origins, directions and flux, each (3, k).
 
@@ -102,7 +112,8 @@ def send_on(
     if not is_first:
         mirrored = np.zeros(len(row), bool) if arrived.mirrored is None else gather(arrived.mirrored, row)
     own = None if group is None else gather(group, row)
-    return Photons(origin, direction, flux, group=own, power=np.add.reduce(flux, 1, np.float64), mirrored=mirrored)
+    seen = None if scene.surfaces.tri_seen is None else gather(scene.surfaces.tri_seen, gather(arrived.tri, row))
+    return Photons(origin, direction, flux, group=own, power=np.add.reduce(flux, 1, np.float64), mirrored=mirrored, seen=seen)
 
 
 def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:

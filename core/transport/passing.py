@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..lights.light_links import LightLinks
 from ..scene.materials import SurfaceMaterials
+from ..scene.scene import DIFFUSE, GLOSSY, RAY_KINDS, SHADOW, TRANSMISSION
 from ..scene.shadow_rays import leave_through
 from ..util.arrays import IntArray
 from ..util.geometry import gather, locate_hits
@@ -22,7 +23,7 @@ _Rows = NDArray[np.float32]
 class Passing:
     """Surfaces that photons may pass straight through.
 
-    tri_passes   (2, n_tri) bool     whether light between surfaces passes, and whether light from a lamp does
+    tri_passes   (2, n_tri) bool     whether light between surfaces passes, for any kind of ray, and whether light from a lamp does
     tri_frame    (3, 3, n_tri) float32, of triangle_frames, unit box
     tri_normal   (3, n_tri) float32, unit
     """
@@ -35,18 +36,26 @@ class Passing:
     @classmethod
     def of(cls, surfaces: SurfaceMaterials, tri_frame: _Rows, tri_normal: _Rows, links: LightLinks) -> Passing | None:
         """None if no surface lets light pass and all surfaces block all lamps."""
-        passes = np.stack([surfaces.find_passing(shadow)[0] for shadow in (False, True)])
+        of_kind = [surfaces.find_passing(kind)[0] for kind in RAY_KINDS]
+        passes = np.stack([np.logical_or.reduce(of_kind[:SHADOW]), of_kind[SHADOW]])
         return cls(surfaces, passes, tri_frame, tri_normal) if passes.any() or not links.blocks.all() else None
 
-    def follow(self, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows) -> tuple[IntArray, _Rows, _Rows]:
+    def follow(self, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows, kind: IntArray) -> tuple[IntArray, _Rows, _Rows]:
         """Gather rays that go on through triangles (n,): their rows (k,), new origins (3, k), and throughputs (3, k).
 
         direction   (3, n) float32, unit
         share       (3, n) float32: throughput before
+        kind        (n,) int: DIFFUSE, GLOSSY or TRANSMISSION
         """
         place = gather(self.tri_passes[0], tri).nonzero()[0]
         tri, u, v = gather(tri, place), gather(u, place), gather(v, place)
-        through = gather(share, place) * self.surfaces.passing_at(tri, u, v, shadow=False).T
+        passing = self.surfaces.passing_at(tri, u, v, DIFFUSE).T
+        if self.surfaces.by_kind:
+            kind = gather(kind, place)
+            for other in (GLOSSY, TRANSMISSION):
+                own = (kind == other).nonzero()[0]
+                passing[:, own] = self.surfaces.passing_at(gather(tri, own), gather(u, own), gather(v, own), other).T
+        through = gather(share, place) * passing
         on = through.any(axis=0).nonzero()[0]
         tri, u, v, place = gather(tri, on), gather(u, on), gather(v, on), gather(place, on)
         at = locate_hits(self.tri_frame, tri, u, v)
@@ -54,7 +63,7 @@ class Passing:
 
     def leave(self, tri: IntArray, u: _Rows, v: _Rows) -> _Rows:
         """(3, n): share of a lamp's light that does not pass as a shadow ray would, so that refraction may carry it."""
-        left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, shadow=True).T
+        left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, SHADOW).T
         return left
 
     def go_on(
@@ -93,10 +102,15 @@ class Passing:
             return None
         tri, u, v, row, of_lamp = (gather(values, place) for values in (tri, u, v, hit, of_lamp))
         flux = gather(photons.flux, row)  # without soft falloff, which is applied anew at the next surface
-        through = self._share_at(tri, u, v, of_lamp)
+        share = self._share_at(tri, u, v, of_lamp)
         if is_open is not None:
-            through = np.where(gather(is_open, place), np.float32(1), through)
-        through = flux * through
+            share = np.where(gather(is_open, place), np.float32(1), share)
+        seen = None
+        if self.surfaces.by_kind:
+            seen = share if photons.seen is None else share * gather(photons.seen, row)
+            share = seen.max(axis=0, keepdims=True)
+            seen = seen / np.maximum(share, _TINY)
+        through = flux * share[0]
         chance = through.max(axis=0) / np.maximum(flux.max(axis=0), _TINY)
         on = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
         if not len(on):
@@ -117,15 +131,19 @@ class Passing:
             sky = gather(photons.sky, row)
         mirrored = None if photons.mirrored is None else gather(photons.mirrored, row)
         link = None if photons.link is None else gather(photons.link, row)
-        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link)
+        seen = None if seen is None else gather(seen, on)
+        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link, seen)
 
     def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_]) -> _Rows:
-        """(3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light."""
-        if not self.surfaces.has_two_passings or of_lamp.all():
-            return self.surfaces.passing_at(tri, u, v, shadow=True).T
-        out = np.empty((3, len(tri)), np.float32)
-        for shadow in (True, False):
-            own = (of_lamp == shadow).nonzero()[0]
-            if len(own):
-                out[:, own] = self.surfaces.passing_at(gather(tri, own), gather(u, own), gather(v, own), shadow).T
+        """(k, 3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light; for k kinds of rays, one
+        where all are alike.
+        """
+        if not self.surfaces.by_kind and (not self.surfaces.has_two_passings or of_lamp.all()):
+            return self.surfaces.passing_at(tri, u, v, SHADOW).T[None]
+        out = np.empty((3 if self.surfaces.by_kind else 1, 3, len(tri)), np.float32)
+        from_lamp, other = of_lamp.nonzero()[0], (~of_lamp).nonzero()[0]
+        out[..., from_lamp] = self.surfaces.passing_at(gather(tri, from_lamp), gather(u, from_lamp), gather(v, from_lamp), SHADOW).T
+        tri, u, v = gather(tri, other), gather(u, other), gather(v, other)
+        for kind, own in enumerate(out):
+            own[:, other] = self.surfaces.passing_at(tri, u, v, kind).T
         return out

@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lights.joined_emitters import JoinedEmitters
-from ..lights.light_links import DIFFUSE, GLOSSY, LightLinks
+from ..lights.light_links import LightLinks
 from ..lights.lights import Emitter
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
 from ..scene.normal_maps import NormalMaps
 from ..scene.rays import RayScene
-from ..scene.scene import SceneSnapshot
+from ..scene.scene import DIFFUSE, GLOSSY, SceneSnapshot
 from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.ablation import uses
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
@@ -225,10 +225,13 @@ def _meet(
         return None, None
     index = tri.astype(np.intp)  # converted once, not in every gather
     linked, whole, glossy = None, arrived, arrived
+    seen = None if photons.seen is None else gather(photons.seen, hit)
     if scene.links and not depth and photons.link is not None:
         linked = scene.links.look_up(gather(photons.link, hit), index)
-        flux = whole.flux * linked.seen[DIFFUSE]
-        arrived, glossy = replace(whole, flux=flux), replace(whole, flux=whole.flux * linked.seen[GLOSSY])
+        seen = linked.seen if seen is None else seen * linked.seen
+    if seen is not None:
+        flux = whole.flux * seen[DIFFUSE]
+        arrived, glossy = replace(whole, flux=flux), replace(whole, flux=whole.flux * seen[GLOSSY])
     normal = gather(scene.tri_normal, index)
     cosine = _dot(arrived.direction, normal)  # < 0 on the front
     lit = cosine < gather(scene.tri_lit_below, index)
@@ -263,7 +266,6 @@ def _meet(
     specular = [mirrored] if mirrored else []
     if scene.glass:
         from_lamp = None if depth else np.ones(len(tri), bool) if photons.sky is None else ~gather(photons.sky, hit)
-        seen = linked.seen if linked else None
         bent, refracted = bend_photons(scene, whole, index, group, cosine, depth == 0, from_lamp, seen, copies, rng)
         if bent:
             specular.append(bent)
@@ -277,14 +279,14 @@ def _meet(
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit
     origin = offset_origin(locate_hits(scene.tri_frame, gather(index, alive), gather(u, alive), gather(v, alive)), normal)
-    group = None if group is None else gather(group, alive)
+    parent = alive  # those of arrived that each goes on from
     row = None if row is None else gather(row, alive)
     through = None if through is None else gather(through, alive)
     if count is not None:
         copy = np.repeat(np.arange(len(alive)), count)
         origin, normal, flux = gather(origin, copy), gather(normal, copy), gather(flux, copy)
         row = None if row is None else gather(row, copy)
-        group = None if group is None else gather(group, copy)
+        parent = gather(alive, copy)
         through = None if through is None else gather(through, copy)
         numbers = grouped_points(count, copy, rng)
     else:
@@ -300,12 +302,14 @@ def _meet(
         kept = (chance > rng.random(len(chance), dtype=np.float32)).nonzero()[0]
         flux = gather(flux * below, kept) / gather(chance, kept)
         origin, direction = gather(origin, kept), gather(direction, kept)
-        group = None if group is None else gather(group, kept)
+        parent = gather(parent, kept)
     else:
         direction = _scatter(normal, numbers)
     power = _total(flux)
     log.absorbed += landed - power
-    diffuse = Photons(origin, direction, flux, group=group, power=power) if flux.shape[1] else None
+    group = None if group is None else gather(group, parent)
+    seen = None if scene.surfaces.tri_seen is None else gather(scene.surfaces.tri_seen, gather(index, parent))
+    diffuse = Photons(origin, direction, flux, group=group, power=power, seen=seen) if flux.shape[1] else None
     on = [diffuse, *specular] if diffuse else specular
     return (join_photons(on) if len(on) > 1 else on[0] if on else None), passed
 

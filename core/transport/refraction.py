@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.glass import Bent, Glass
+from ..scene.scene import GLOSSY, TRANSMISSION
 from ..util.arrays import Float64, IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .emission import Arrivals, Photons
@@ -35,7 +36,7 @@ def bend_photons(
     Diffuse reflection has a roulette of its own. Further arguments are as for mirrors.reflect_photons.
 
     from_lamp   (n,) bool: photons straight from a lamp; the share that passes as shadow rays do is not refracted too. None for none
-    seen        (3, n) float32: from LightLinks; None if all rays see the lamps
+    seen        (3, 3, n) float32: of Photons; None if all rays see all
     """
     nothing = np.zeros(3)
     glass = scene.glass
@@ -56,26 +57,26 @@ def bend_photons(
     scale = np.where(bent.crossed, bent.eta**-2, 1).astype(np.float32)
     if seen is not None:
         _, reflected, refracted = gather(seen, place)
-        scale *= np.where(bent.crossed, refracted, reflected)
+        flux = flux * np.where(bent.crossed, refracted, reflected)
     flux = flux * bent.weight * scale
     kept = flux.any(axis=0).nonzero()[0]
     if not len(kept):
         return None, nothing
     flux, tri, u, v, side, crossed = (gather(values, kept) for values in (flux, tri, u, v, side, bent.crossed))
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), side)
-    photons = send_on(arrived, group, is_first, gather(place, kept), origin, gather(bent.direction, kept), flux)
+    photons = send_on(scene, arrived, group, is_first, gather(place, kept), origin, gather(bent.direction, kept), flux)
     return photons, np.add.reduce(flux[:, crossed], 1, np.float64)
 
 
 def follow_glass(
     scene: GlossyScene, direction: _Rows, share: _Rows, tri: IntArray, u: _Rows, v: _Rows, rng: np.random.Generator
-) -> tuple[IntArray, _Rows, _Rows, _Rows]:
-    """Gather rays that glass reflects or refracts; arguments and results are as for mirrors.follow_mirrors."""
+) -> tuple[IntArray, _Rows, _Rows, _Rows, IntArray]:
+    """Gather rays that glass reflects or refracts, as of mirrors.follow_mirrors; and of which kind (k,) they are then."""
     glass = scene.glass
     place = np.zeros(0, np.intp) if glass is None else gather(glass.tri_glass, tri).nonzero()[0]
     nothing = np.zeros((3, 0), np.float32)
     if glass is None or not len(place):
-        return place, nothing, nothing, nothing
+        return place, nothing, nothing, nothing, place
     tri, u, v = gather(tri, place).astype(np.intp), gather(u, place), gather(v, place)
     direction, share = gather(direction, place), gather(share, place)
     cosine = np.einsum("kn,kn->n", direction, gather(scene.tri_normal, tri))
@@ -83,7 +84,8 @@ def follow_glass(
     on = bent.weight.any(axis=0).nonzero()[0]
     tri, u, v, side = (gather(values, on) for values in (tri, u, v, side))
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), side)
-    return gather(place, on), origin, gather(bent.direction, on), gather(share * bent.weight, on)
+    kind = np.where(gather(bent.crossed, on), TRANSMISSION, GLOSSY)
+    return gather(place, on), origin, gather(bent.direction, on), gather(share * bent.weight, on), kind
 
 
 def _bend(

@@ -123,8 +123,8 @@ def test_light_that_was_reflected_passes_a_pane_too(tmp_path, direct):
 @pytest.mark.parametrize("direct", ["rays", "photons"])
 @pytest.mark.parametrize(("lamp", "flags", "expected"), [
     ("sun", {"casts_shadow": False}, 1.0),
-    ("sun", {"reflects": False}, 0.0),
-    ("sky", {"reflects": False}, 1.0),  # Cycles finds an even sky by diffuse rays
+    ("sun", {"seen_by": (False,) * 3}, 0.0),
+    ("sky", {"seen_by": (False,) * 3}, 1.0),  # Cycles finds an even sky by diffuse rays
     ("sky", {"casts_shadow": False}, 0.0),
     ("sky map", {"casts_shadow": False}, 1.0),
 ])  # fmt: skip
@@ -140,19 +140,19 @@ def test_a_lid_hides_lamps_from_the_rays_that_see_it(tmp_path, bare_light, lamp,
 def test_an_object_that_others_do_not_see_sends_them_no_light(tmp_path):
     """A white wall beside a floor: its light on the floor is gone when the wall reflects for nobody, and its own stays."""
     found = []
-    for reflects in (True, False):
+    for seen in (True, False):
         wall = Mesh("Wall", np.array([[-1, 1, 0], [1, 1, 0], [1, 1, 2], [-1, 1, 2]], float), [[0, 1, 2, 3]])
         lamp = Light("SPOT", "Lamp", (0, -3, 1), ((1, 0, 0), (0, 0, 1), (0, -1, 0)), (500.0,) * 3, cone_angle_rad=0.5)
         scene = make_scene([square("Floor", 0, 1, True), wall], [lamp], [Material("Black", (0,) * 3), Material("White", (0.8,) * 3)])
         scene = replace(scene, tri_material=scene.tri_object)
-        scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], reflects=reflects)))
-        field = solve_scene(tmp_path / str(reflects), scene, Settings(size=32, max_photons=300_000, error=0.02, workers=1, seed=3))
-        texels = workers_texels(tmp_path / str(reflects))
+        scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], seen_by=(seen,) * 3)))
+        field = solve_scene(tmp_path / str(seen), scene, Settings(size=32, max_photons=300_000, error=0.02, workers=1, seed=3))
+        texels = workers_texels(tmp_path / str(seen))
         light = texel_light.light_at_texels(field, texels)
         is_wall = scene.tri_object[texels.texel_tri] == 1
         found.append([light.indirect[~is_wall].mean(), light.direct[is_wall].mean()])
-    (seen, lit), (unseen, still_lit) = found
-    assert seen > 0
+    (shown, lit), (unseen, still_lit) = found
+    assert shown > 0
     assert unseen == 0
     assert still_lit == pytest.approx(lit, rel=0.02)
 

@@ -378,7 +378,7 @@ def test_lights_world_and_shadow_flags():
     add_object("Wall")
     add_object("Sun", bpy.data.lights.new("Sun", "SUN"), rotation_euler=(0.5, 0, 0))
     add_object("Off", bpy.data.lights.new("Off", "SUN"), hide_render=True)
-    add_object("Prop", visible_shadow=False, visible_diffuse=False)
+    add_object("Prop", visible_shadow=False, visible_diffuse=False, visible_glossy=False, visible_transmission=False)
     group = bpy.data.collections.new("Group")
     add_object("Bulb", bpy.data.lights.new("Bulb", "POINT"), collection=group)
     holder = bpy.data.objects.new("Holder", None)

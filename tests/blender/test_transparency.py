@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 from blend_rooms import add_mesh
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
+from leaflight.core.scene.scene import DIFFUSE, GLOSSY, SHADOW, TRANSMISSION
 
 SQUARE = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
 
@@ -70,19 +71,19 @@ class Tree:
         return export_scene(bpy.context)
 
 
-def passes(exported, shadow, x=0.25):
+def passes(exported, kind, x=0.25):
     """What passes the card at (x, 0.2) of its square, in its first triangle."""
     snapshot = exported.snapshot
     tri = next(i for i, one in enumerate(snapshot.tri_object) if snapshot.objects[one].name == "Card")
     surfaces = SurfaceMaterials(snapshot)
     # The first triangle has corners (0, 0), (1, 0), (1, 1).
-    return surfaces.passing_at(np.array([tri]), np.float32([x - 0.2]), np.float32([0.2]), shadow)[0].tolist()
+    return surfaces.passing_at(np.array([tri]), np.float32([x - 0.2]), np.float32([0.2]), kind)[0].tolist()
 
 
 def test_alpha_is_a_share_that_passes_and_the_rest_reflects():
     tree = Tree()
     exported = tree.wear(tree.add("BsdfPrincipled", Alpha=0.3, Base_Color=(0.5, 0.5, 0.5, 1)))
-    assert passes(exported, shadow=True) == pytest.approx([0.7] * 3)
+    assert passes(exported, SHADOW) == pytest.approx([0.7] * 3)
     card = next(one for one in exported.snapshot.materials if one.name == "Leaf")
     assert card.albedo_rgb == pytest.approx((0.15,) * 3)
     assert not [text for _, text in exported.warnings if "simplified" in text]
@@ -92,8 +93,8 @@ def test_alpha_may_come_from_an_image():
     tree = Tree()
     image = tree.image(0.25)
     exported = tree.wear(tree.add("BsdfPrincipled", Alpha=image.outputs["Alpha"], Base_Color=(0.5, 0.5, 0.5, 1)))
-    assert passes(exported, True, x=0.3) == pytest.approx([0.75] * 3)
-    assert passes(exported, True, x=0.8) == pytest.approx([0.0] * 3)
+    assert passes(exported, SHADOW, x=0.3) == pytest.approx([0.75] * 3)
+    assert passes(exported, SHADOW, x=0.8) == pytest.approx([0.0] * 3)
     assert all(one.receives for one in exported.snapshot.objects)
 
 
@@ -102,7 +103,7 @@ def test_alpha_may_come_through_a_node():
     value = tree.add("Value")
     value.outputs[0].default_value = 0.0
     exported = tree.wear(tree.add("BsdfPrincipled", Alpha=value.outputs[0]))
-    assert passes(exported, True) == passes(exported, False) == [1.0] * 3
+    assert passes(exported, SHADOW) == passes(exported, DIFFUSE) == [1.0] * 3
     assert {one.name: one.receives for one in exported.snapshot.objects} == {"Card": False, "Floor": True}
 
 
@@ -112,15 +113,15 @@ def test_a_transparent_shader_in_a_mix_passes_its_colour(fraction):
     clear, leaf = tree.add("BsdfTransparent", Color=(0.2, 0.4, 0.8, 1)), tree.add("BsdfDiffuse", Color=(0.4, 0.4, 0.4, 1))
     share = tree.image(0.25).outputs["Alpha"] if fraction == "image" else fraction
     exported = tree.wear(tree.mix(share, clear, leaf))
-    assert passes(exported, True, x=0.3) == pytest.approx([0.15, 0.3, 0.6])
+    assert passes(exported, SHADOW, x=0.3) == pytest.approx([0.15, 0.3, 0.6])
 
 
 def test_a_material_may_let_only_shadow_rays_pass():
     tree = Tree()
     path = tree.add("LightPath")
     exported = tree.wear(tree.mix(path.outputs["Is Shadow Ray"], tree.add("BsdfDiffuse"), tree.add("BsdfTransparent")))
-    assert passes(exported, shadow=True) == [1.0] * 3
-    assert passes(exported, shadow=False) == [0.0] * 3
+    assert passes(exported, SHADOW) == [1.0] * 3
+    assert passes(exported, DIFFUSE) == [0.0] * 3
     assert next(one for one in exported.snapshot.materials if one.name == "Leaf").albedo_rgb == pytest.approx((0.8,) * 3, abs=1e-6)
 
 
@@ -128,7 +129,7 @@ def test_a_material_may_let_only_shadow_rays_pass():
 def test_objects_that_some_rays_do_not_see_let_them_pass(flags, expected):
     tree = Tree()
     exported = tree.wear(tree.add("BsdfDiffuse"), **flags)
-    assert (passes(exported, True)[0], passes(exported, False)[0]) == expected
+    assert (passes(exported, SHADOW)[0], passes(exported, DIFFUSE)[0]) == expected
     assert all(one.receives for one in exported.snapshot.objects)
 
 
@@ -137,17 +138,55 @@ def test_diffuse_rays_are_reflected_and_come_from_no_camera(output, expected):
     tree = Tree()
     path = tree.add("LightPath")
     exported = tree.wear(tree.mix(path.outputs[output], tree.add("BsdfDiffuse"), tree.add("BsdfTransparent")))
-    assert (passes(exported, False)[0], passes(exported, True)[0]) == expected
+    assert (passes(exported, DIFFUSE)[0], passes(exported, SHADOW)[0]) == expected
 
 
-@pytest.mark.parametrize(("shader", "flag", "word"), [("Glossy", "visible_glossy", "metal"), ("Glass", "visible_transmission", "glass")])
-def test_objects_that_mirrors_or_glass_do_not_see_are_named_where_there_are_some(shader, flag, word):
+@pytest.mark.parametrize(
+    ("shader", "flag", "kind"), [("Glossy", "visible_glossy", GLOSSY), ("Glass", "visible_transmission", TRANSMISSION)]
+)
+def test_objects_may_be_hidden_from_mirrors_or_glass_where_there_are_some(shader, flag, kind):
     tree = Tree()
     exported = tree.wear(tree.add("BsdfDiffuse"), **{flag: False})
-    assert not exported.warnings
+    assert not SurfaceMaterials(exported.snapshot).by_kind
+    add_floor_of(shader)
+    exported = export_scene(bpy.context)
+    assert [passes(exported, one)[0] for one in (DIFFUSE, kind, SHADOW)] == [0, 1, 0]
+    assert not [text for subject, text in exported.warnings if subject == "Card"]
+
+
+@pytest.mark.parametrize("is_hidden", [True, False])
+def test_a_material_may_be_hidden_from_glossy_rays_or_seen_by_them_alone(is_hidden):
+    tree = Tree()
+    add_floor_of("Glossy")
+    path, leaf, clear = tree.add("LightPath"), tree.add("BsdfDiffuse", Color=(0.4, 0.2, 0.6, 1)), tree.add("BsdfTransparent")
+    shaders = (leaf, clear) if is_hidden else (clear, leaf)
+    exported = tree.wear(tree.mix(path.outputs["Is Glossy Ray"], *shaders))
+    seen = [1 - passes(exported, kind)[0] for kind in (DIFFUSE, GLOSSY, SHADOW)]
+    assert seen == ([1, 0, 1] if is_hidden else [0, 1, 0])
+    material = next(one for one in exported.snapshot.materials if one.name == "Leaf")
+    assert material.albedo_rgb == pytest.approx((0.4, 0.2, 0.6))
+    assert [rgb[0] for rgb in material.seen_rgb[:2]] == seen[:2]
+    assert not [text for _, text in exported.warnings if "simplified" in text]
+    assert next(one for one in exported.snapshot.objects if one.name == "Card").receives == is_hidden
+
+
+def test_glossy_rays_may_see_another_colour_and_glow():
+    tree = Tree()
+    add_floor_of("Glossy")
+    path = tree.add("LightPath")
+    colours = tree.mix(path.outputs["Is Glossy Ray"], tree.add("BsdfDiffuse", Color=(0.4, 0.2, 0.6, 1)), tree.add("BsdfDiffuse"))
+    glows = tree.mix(path.outputs["Is Glossy Ray"], tree.add("Emission", Strength=2.0), tree.add("Emission", Strength=6.0))
+    add = tree.add("AddShader")
+    for number, shader in enumerate((colours, glows)):
+        tree.links.new(shader.outputs[0], add.inputs[number])
+    material = next(one for one in tree.wear(add).snapshot.materials if one.name == "Leaf")
+    assert material.seen_rgb[GLOSSY] == pytest.approx((2, 4, 0.8 / 0.6))
+    assert material.glow_rgb[GLOSSY] == pytest.approx((3, 3, 3))
+
+
+def add_floor_of(shader):
+    """A floor that mirrors or bends light."""
     other = Tree("Shiny")
-    bpy.data.objects["Floor"].data.materials.append(other.material)
+    floor = bpy.data.objects.get("Floor") or add_mesh("Shiny floor", SQUARE, [(0, 1, 2, 3)])
+    floor.data.materials.append(other.material)
     other.links.new(other.add(f"Bsdf{shader}").outputs[0], other.output.inputs["Surface"])
-    told = [text for subject, text in export_scene(bpy.context).warnings if subject == "Card" and "Ray Visibility" in text]
-    assert len(told) == 1
-    assert f"here {word} sends its light on" in told[0]

@@ -13,6 +13,7 @@ from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
 from leaflight.core.lights.direct_sources import make_triangle_sources
 from leaflight.core.lights.emitting_cells import find_emitting_cells
+from leaflight.core.lights.light_links import LightLinks
 from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
 from scenes import box_mesh, grid_mesh, moved, quad_mesh, sphere_mesh
 
@@ -27,7 +28,7 @@ def light_floor(scene: DirectScene, seed: int = 1, texels: np.ndarray = TEXELS, 
 def as_sources(scene: SceneSnapshot) -> DirectScene:
     """The same scene with each emitting triangle as a source of its own."""
     pooled, _, surfaces = prepare(scene)
-    ((_, cells),) = find_emitting_cells(scene, surfaces)
+    ((_, cells),) = find_emitting_cells(scene, surfaces, LightLinks.of(scene))
     sources = make_triangle_sources(cells, pooled.surfaces.corner_unit, pooled.surfaces.normal)
     return replace(pooled, pool=None, sources=tuple(sources))
 

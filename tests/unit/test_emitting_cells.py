@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from leaflight.core.lights.emitting_cells import EmittingCells, find_emitting_cells
+from leaflight.core.lights.light_links import LightLinks
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
 from leaflight.core.util.brightness import weigh_channels
@@ -22,7 +23,7 @@ def screen(pixels: np.ndarray, tiles: float = 1.0, closest: bool = False) -> Sce
 
 
 def cells_of(scene: SceneSnapshot) -> EmittingCells:
-    ((_, cells),) = find_emitting_cells(scene, SurfaceMaterials(scene))
+    ((_, cells),) = find_emitting_cells(scene, SurfaceMaterials(scene), LightLinks.of(scene))
     return cells
 
 
@@ -69,7 +70,7 @@ def test_cells_tile_their_triangles():
 def test_black_and_empty_textures_give_no_light():
     for pixels in (np.zeros((8, 8, 3), np.float32), np.zeros((0, 0, 3), np.float32)):
         scene = screen(pixels)
-        assert find_emitting_cells(scene, SurfaceMaterials(scene)) == []
+        assert find_emitting_cells(scene, SurfaceMaterials(scene), LightLinks.of(scene)) == []
 
 
 def test_places_that_are_no_numbers_do_no_harm():
@@ -87,7 +88,7 @@ def test_the_parts_of_a_slender_textured_strip_show_what_is_there():
     pixels[:, :16] = 1
     scene = screen(pixels, closest=True)
     scene = replace(scene, vertex_position=scene.vertex_position * np.array([25.0, 0.02, 1.0]))
-    (_, even), (_, cells) = find_emitting_cells(scene, SurfaceMaterials(scene))
+    (_, even), (_, cells) = find_emitting_cells(scene, SurfaceMaterials(scene), LightLinks.of(scene))
     rng = np.random.default_rng(5)
     assert even.constant
     assert even.mean_rgb == pytest.approx(2.0)
@@ -122,11 +123,11 @@ def test_triangles_of_one_swatch_of_a_palette_are_whole_and_of_one_radiance_each
     pixels = 2 * scene.images[0].pixels
     expected = pixels[[0, 0, 3, 3], [0, 1, 2, 3]][np.arange(8) // 2]
     assert cells.mean_rgb == pytest.approx(expected, rel=1e-5)
-    crossing = find_emitting_cells(palette(3.0), SurfaceMaterials(palette(3.0)))
+    crossing = find_emitting_cells(palette(3.0), SurfaceMaterials(palette(3.0)), LightLinks.of(palette(3.0)))
     assert not any(some.constant for _, some in crossing)
 
 
 def test_what_other_surfaces_do_not_see_lights_nothing():
     scene = stars(64)
-    hidden = replace(scene, objects=tuple(replace(one, reflects=False) for one in scene.objects))
-    assert find_emitting_cells(hidden, SurfaceMaterials(hidden)) == []
+    hidden = replace(scene, objects=tuple(replace(one, seen_by=(False,) * 3) for one in scene.objects))
+    assert find_emitting_cells(hidden, SurfaceMaterials(hidden), LightLinks.of(hidden)) == []

@@ -160,7 +160,7 @@ def test_back_sides_scatter_but_get_nothing():
 
 def test_objects_without_shadow_let_light_through():
     pane = np.array([[[-0.5, -0.5, 0.2], [0.5, -0.5, 0.2], [0.0, 0.5, 0.2]]])
-    objects = SceneObject("Room"), SceneObject("Pane", receives=False, casts_shadow=False, reflects=False)
+    objects = SceneObject("Room"), SceneObject("Pane", receives=False, casts_shadow=False, seen_by=(False,) * 3)
     with_pane = _snapshot(np.concatenate([pane, _cube()]), tri_object=np.int32([1] + [0] * 12), objects=objects)
     hits, bare = _trace(_build(with_pane, _white_lamp())), _trace(_build(_snapshot(_cube()), _white_lamp()))
     assert hits.counters == bare.counters
