@@ -22,10 +22,11 @@ _WIDTHS = (0.6, 0.75, 0.95, 1.2)  # candidate widths, relative to the side of a 
 
 @dataclass(frozen=True)
 class BlockLayout:
-    """A block at the density, in texels/m, of its smallest object.
+    """The packing of a block at the density of its smallest object.
 
-    low    (2,) float64, texels   lower left corner in the placement
-    side   (2,) float64, texels   width and height
+    density   texels/m
+    low       (2,) float64, texels: lower left corner in the placement
+    side      (2,) float64, texels: width and height
     """
 
     density: float
@@ -35,7 +36,7 @@ class BlockLayout:
     side: Float64
 
     def place(self, points: Float64, chart: Int64) -> Float64:
-        """Points of charts in texels of the block.
+        """(n, k, 2) float64: points of charts, in texels of the block.
 
         points   (n, k, 2) float64, m, as in the outlines
         chart    (n,) int64
@@ -45,7 +46,7 @@ class BlockLayout:
 
 
 def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | None:
-    """The smallest packing found of the charts of a block's smallest object; None if they fit no page.
+    """The smallest packing found for the charts of a block's smallest object; None if they do not fit a page.
 
     The gaps are a texel wider than the padding, since a block may be placed at fractions of a texel.
     """
@@ -64,7 +65,7 @@ def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | N
 
 
 def outline_block(outlines: Outlines, layout: BlockLayout) -> Outlines:
-    """The block as one outline that keeps its turn, in metres of its smallest object."""
+    """The block as one outline that must not be turned, in metres of its smallest object."""
     edge = layout.place(outlines.edge, outlines.edge_chart) / layout.density
     extent, area = layout.side[None] / layout.density, outlines.area.sum(keepdims=True)
     return Outlines(edge, np.array([0, len(edge)]), extent, area, np.ones(1, bool))
@@ -77,7 +78,7 @@ def _measure_layout(outlines: Outlines, density: float, shapes: Shapes, placemen
 
 
 def join_outlines(parts: Sequence[Outlines]) -> Outlines:
-    """All the outlines of the parts, one after the other."""
+    """The outlines of all parts, concatenated."""
     counts = [0, *(len(part.edge) for part in parts)]
     first = np.cumsum(counts)
     start = [part.start[:-1] + before for part, before in zip(parts, first[:-1], strict=True)]

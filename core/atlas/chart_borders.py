@@ -1,4 +1,4 @@
-"""Sufficient test by its border that a chart is injective, without a raster of all triangles.
+"""Sufficient test that a chart is injective, by its border, without rasterizing its triangles.
 
 If no triangle is flipped, the number of triangles over a point is the winding number of the border around it. A border of one outer loop
 and loops around holes, none of which crosses itself or another, has winding numbers of at most 1.
@@ -25,12 +25,12 @@ _PAIRS_AT_ONCE = 1 << 16  # to bound memory, and to stay in the cache
 
 
 def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, shared: Bool) -> Bool:
-    """(n_chart,) bool: charts proved not to overlap themselves; False is no proof of the opposite.
+    """(n_chart,) bool: charts that provably do not overlap themselves; False does not prove the opposite.
 
     tri_vertex   (n, 3) int
     tri_uv       (n, 3, 2) float64, any unit
     tri_chart    (n,) int64      -1 for triangles without a chart
-    shared       (n, 3) bool     whether side k, from corner k on, is shared within its chart, from label_charts
+    shared       (n, 3) bool     from label_charts: whether side k, which starts at corner k, is shared within its chart
     """
     n_chart = int(tri_chart.max(initial=-1)) + 1
     plain = np.ones(n_chart, bool)
@@ -82,7 +82,7 @@ def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, I
 
 def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> Bool:
     """(n_chart,) bool: charts with exactly one counterclockwise loop. Loops that meet count as one; _find_crossed rejects them."""
-    if not len(chart):  # all charts are closed, so some triangle is flipped
+    if not len(chart):  # charts without borders are closed, so some of their triangles are flipped
         return np.zeros(n_chart, bool)
     n_place = 1 + max(int(place_start.max(initial=-1)), int(place_end.max(initial=-1)))
     loop = join_sets(n_place, place_start, place_end)[place_start]
@@ -114,7 +114,7 @@ def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64
         one, other = expand_ranges(np.arange(begin, stop) + 1, last[begin:stop])
         one += begin
         begin = stop
-        for low, high in extents:  # one after the other, as the first rejects most pairs
+        for low, high in extents:  # one after the other, since the first rejects most pairs
             near = np.flatnonzero((low.take(one) <= high.take(other)) & (low.take(other) <= high.take(one)))
             one, other = one.take(near), other.take(near)
         along, across = end[one] - start[one], end[other] - start[other]

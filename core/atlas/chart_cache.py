@@ -1,6 +1,6 @@
-"""Charts of the last bake, kept beside its images: a bake with other lamps or colours need not wait for xatlas again.
+"""Charts of the last bake, kept beside its images, so that a bake with other lamps or colours need not wait for xatlas.
 
-Their key is a digest of all that they depend on, the code included. A file holds the charts of one bake and is replaced by the next.
+Their key is a digest of everything that they depend on, including the code. A file holds the charts of one bake; the next one replaces it.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from ..util.files import load_arrays, save_whole
 from ..util.job import Job
 from .unwrap import Unwrapping
 
-Charts: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # as of Unwrapping.finish
+Charts: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # results of Unwrapping.finish
 
-_ROW = np.dtype([("chart", np.int32), ("uv", np.float64, (3, 2)), ("shared", np.bool_, 3)])  # of a triangle
+_ROW = np.dtype([("chart", np.int32), ("uv", np.float64, (3, 2)), ("shared", np.bool_, 3)])  # one triangle
 
 
 class Unfolding(Protocol):
-    """Charts of some objects, as Unwrapping has them."""
+    """Pending charts of some objects, from xatlas (Unwrapping) or from the cache."""
 
     def cancel(self) -> None:
-        """Nobody will ask for them any more."""
+        """Give up the charts."""
 
     def finish(self, watch: Callable[[int, int], None] = ...) -> Charts:
-        """Them; see Unwrapping.finish."""
+        """The charts; see Unwrapping.finish."""
 
 
 def find_charts_file(job: Job) -> Path:
-    """Where the charts of a job are kept."""
+    """The file in which the charts of a job are kept."""
     return Path(job.output) / f".leaflight_{clean_name(job.atlas_name)}.charts"
 
 
 class ChartCache:
-    """The charts of an earlier bake, and those of the one that is under way.
+    """The charts of an earlier bake, and those of the current one.
 
-    known   so many objects had their charts from the earlier one
+    known   number of objects whose charts came from the earlier bake
     """
 
     def __init__(self, earlier: dict[str, NDArray[np.void]] | None = None) -> None:
@@ -52,7 +52,7 @@ class ChartCache:
 
     @classmethod
     def load(cls, file: Path) -> ChartCache:
-        """Those that a bake saved there; none of a file that is missing or damaged, for xatlas is there all the same."""
+        """The charts that a bake saved in `file`; none if it is missing or damaged, since xatlas can make them again."""
         try:
             return cls({key: rows for key, rows in load_arrays(file).items() if _is_sound(rows)})
         except (OSError, ValueError):
@@ -61,8 +61,8 @@ class ChartCache:
     def begin(
         self, tri_position: NDArray[np.float64], tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
     ) -> Unfolding:
-        """The charts of the triangles of some objects, which xatlas begins with where they are not known; arguments as of Unwrapping."""
-        # The first number depends on the objects before and has no effect.
+        """Begin to make the charts of some objects, unless they are known; arguments are as for Unwrapping."""
+        # Labels start at numbers that depend on earlier objects, which has no effect on the charts.
         labels = [label - label.min(initial=label.max(initial=0)) for label in (tri_vertex, tri_polygon, tri_corner, tri_object)]
         arrays = [np.ascontiguousarray(tri_position), *(np.ascontiguousarray(label, np.int64) for label in labels)]
         key = hash_pieces([hash_code().encode(), *(array.reshape(-1).view(np.uint8).data for array in arrays)])
@@ -74,9 +74,10 @@ class ChartCache:
         return _Known(rows)
 
     def save(self, file: Path, is_whole: bool = True) -> None:
-        """Keep those of the bake under way; the earlier one's too where this one has not come to all of its objects.
+        """Save the charts of the current bake.
 
-        Raises OSError where they cannot be written.
+        is_whole   whether it has all of its charts; if not, those of the earlier bake are kept too
+        Raises OSError if the file cannot be written.
         """
         kept = self._own if is_whole else self._earlier | self._own
         if kept.keys() != self._earlier.keys():
@@ -84,7 +85,7 @@ class ChartCache:
 
 
 def _is_sound(rows: NDArray[Any]) -> bool:
-    """Whether these are rows of charts that have numbers in order and UVs that are numbers."""
+    """Whether rows from a file are charts with valid indices and finite UVs."""
     if rows.dtype != _ROW or rows.ndim != 1:
         return False
     chart = rows["chart"].astype(np.int64)

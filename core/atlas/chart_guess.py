@@ -1,4 +1,4 @@
-"""About how many charts meshes will be cut into, without cutting them: for what is said before a bake."""
+"""A fast guess of the number of charts of meshes, for the estimate that is shown before a bake."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # as in scene.topology
 
 
 def guess_charts(corner: NDArray[np.float64], tri_object: IntArray, count: int) -> Int64:
-    """(count,) int64: charts of each object, about.
+    """(count,) int64: approximate number of charts of each object.
 
-    One is what hangs together, faces the same of six ways, and has no edge sharper than 45 degrees. A ball is cut into six charts,
-    as a box is; xatlas takes about as many.
+    A chart is taken to be a connected part that faces one of six directions and has no edge sharper than 45 degrees. So a ball has six
+    charts, like a box; xatlas makes about as many.
 
     corner       (n, 3, 3) float64, m
     tri_object   (n,) int   from 0 to count - 1
@@ -39,10 +39,10 @@ def guess_charts(corner: NDArray[np.float64], tri_object: IntArray, count: int) 
 
 
 def _number_corners(corner: NDArray[np.float64]) -> Int64:
-    """(n, 3) int64: the same number for corners at one place; files often hold a vertex once for each normal that it has."""
+    """(n, 3) int64: numbers of corners, equal at equal positions: files often have a vertex once for each of its normals."""
     mixed = np.zeros(corner.shape[:2], np.uint64)
     for axis in range(3):
-        mixed = (mixed ^ (corner[..., axis] + 0.0).view(np.uint64)) * _MIX  # zeros of both signs are one place
+        mixed = (mixed ^ (corner[..., axis] + 0.0).view(np.uint64)) * _MIX  # -0.0 becomes 0.0
         mixed ^= mixed >> np.uint64(32)
     numbers: Int64 = np.unique(mixed, return_inverse=True)[1].reshape(mixed.shape)
     return numbers

@@ -29,18 +29,18 @@ Bool: TypeAlias = NDArray[np.bool_]
 _NO_FACES = "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake"
 _NO_LAYER = "no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead"
 UNWRAPPING = Status("charts", "Unwrapping")
-_AT_ONCE = 1 << 10  # triangles up to which objects are grouped for post-processing, as numpy is slow on few; xatlas works meanwhile
+_AT_ONCE = 1 << 10  # small objects are grouped up to this number of triangles for post-processing, since numpy is slow on few
 _MOST_AHEAD = 1 << 18  # triangles sent to xatlas ahead of the post-processing of its results, to bound memory
 
 
 @dataclass(frozen=True)
 class FoundCharts:
-    """The charts of a scene; those of an object are consecutive.
+    """The charts of a scene; charts of one object are consecutive.
 
     chart         (n_tri,) int64         -1 for triangles that get no texels
-    uv            (n_tri, 3, 2) float64  m, each chart upright and at 0; pages for kept layers
-    first_chart   (n_object + 1,) int64
-    outlines      of all charts; empty for kept layers, which are never packed
+    uv            (n_tri, 3, 2) float64  in metres, each chart upright and with its corner at 0; in pages for kept layers
+    first_chart   (n_object + 1,) int64: charts of object i are first_chart[i]:first_chart[i + 1]
+    outlines      outlines of all charts; empty for kept layers, which are not packed
     layered       objects whose layer is kept
     blocks        objects that share charts, each in its own metres
     findings      (object, warning)
@@ -56,11 +56,12 @@ class FoundCharts:
 
 
 def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwatched, kept: ChartCache | None = None) -> FoundCharts:
-    """The charts; with `share_meshes` objects that share a mesh share them, too, where they can.
+    """The charts of all receiving objects.
 
-    kept    charts of an earlier bake; updated to those of this one
-    watch   receives UNWRAPPING, the share of triangles that is done, and the current object; it may raise
-    Raises ValueError when xatlas is needed and cannot be loaded, or crashes.
+    share_meshes   whether objects that share a mesh share charts where possible
+    watch          receives UNWRAPPING, the finished share of triangles, and the current object; it may raise
+    kept           charts of an earlier bake; updated to those of this one
+    Raises ValueError if xatlas is needed and cannot be loaded, or crashes.
     """
     search = _Search(snapshot, find_blocks(snapshot) if share_meshes else [], watch, kept or ChartCache())
     count = np.zeros(len(snapshot.objects) + 1, np.int64)
@@ -85,7 +86,7 @@ def find_charts(snapshot: SceneSnapshot, share_meshes: bool, watch: Watch = unwa
 
 
 class _Search:
-    """The arrays that fill up, object by object; `chart` counts from 0 in each."""
+    """State of the search: arrays that are filled object by object. `chart` counts from 0 in each object."""
 
     def __init__(self, snapshot: SceneSnapshot, blocks: list[Block], watch: Watch, kept: ChartCache) -> None:
         self.snapshot, self.blocks, self._watch, self._kept = snapshot, blocks, watch, kept
@@ -96,20 +97,20 @@ class _Search:
         self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
         self._worn = self._find_worn()
-        self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # by owner
+        self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # charts by their owner
         owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
         self._begun: deque[tuple[list[int], Unfolding]] = deque()  # owners of each request
         receiving = np.array([one.receives for one in snapshot.objects], bool)
-        self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles, before each object and after the last
+        self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles before each object, and in total
         self._ahead = 0  # triangles of the begun objects
 
     def watch(self, i: int, done: int = 0) -> None:
-        """Report progress within an object, of which so many triangles are done."""
+        """Report progress within object i, of which `done` triangles are finished."""
         self._watch(UNWRAPPING, float((self._done[i] + done) / max(self._done[-1], 1)), self.snapshot.objects[i].name)
 
     def unwrap(self, i: int) -> int:
-        """Charts of an object, upright; gives their number."""
+        """Find the charts of an object and return their number."""
         owner, size = self._worn.get(i, (i, 1.0))
         while owner not in self._unwrapped:
             self._unfold_more(i)
@@ -126,7 +127,7 @@ class _Search:
             unwrapping.cancel()
 
     def read_layer(self, i: int) -> int:
-        """Charts of an object's existing layer; gives their number."""
+        """Take the charts of an object from its UV layer and return their number."""
         scene, rows = self.snapshot, self._rows(i)
         check = check_layer(scene.tri_uv[rows], scene.tri_polygon[rows], self.find_solid(i))
         self.findings += [(i, finding) for finding in check.findings]
@@ -151,7 +152,7 @@ class _Search:
         return [i for i, one in enumerate(self.snapshot.objects) if one.receives and not one.has_layer]
 
     def _find_worn(self) -> dict[int, tuple[int, float]]:
-        """For each object with shared charts: their owner, which may be itself, and the object's size relative to the owner."""
+        """For each object with shared charts: their owner, which may be the object itself, and the object's size relative to the owner."""
         led = {i: (block.members[0], float(size)) for block in self.blocks for i, size in zip(block.members, block.size, strict=True)}
         copies = find_copies(self.snapshot, self._vertex, [i for i in self._unlayered() if led.get(i, (i,))[0] == i])
         worn = {leader: (leader, 1.0) for leader, _ in copies.values()}
@@ -161,7 +162,7 @@ class _Search:
         return worn
 
     def _unfold_more(self, waiting: int) -> None:
-        """Waits for the charts of the objects begun first and stores them."""
+        """Wait for the charts of the first pending request and store them."""
         for _ in self._begin_more():
             self.watch(waiting)
         objects, unwrapping = self._begun[0]
@@ -187,7 +188,7 @@ class _Search:
             done = max(done, int(chart[own].max(initial=-1)) + 1)
 
     def _begin_more(self) -> Iterator[None]:
-        """Sends further objects to xatlas, which works during the post-processing of earlier ones; yields after each request."""
+        """Send further objects to xatlas, which then works during the post-processing of earlier ones; yields after each request."""
         scene = self.snapshot
         while self._to_begin and self._ahead < _MOST_AHEAD:
             objects = [self._to_begin.popleft()]

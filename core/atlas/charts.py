@@ -42,11 +42,11 @@ class ChartAtlas:
 
     page_size     texels
     tri_chart     (n_tri,) int32           -1 for triangles that get no texels
-    tri_uv        (n_tri, 3, 2) float64    texels of its page, x right, y up; 0 where tri_chart is -1
+    tri_uv        (n_tri, 3, 2) float64    texels on the page, x right, y up; 0 where tri_chart is -1
     chart_page    (n_chart,) int32
     chart_object  (n_chart,) int32
-    object_page   (n_object,) int32        -1 none; all charts of an object are on one page
-    object_block  (n_object,) int32        objects of one block share the UVs (tri_uv / page_size - offset) / scale; -1 none
+    object_page   (n_object,) int32        -1 for none; all charts of an object are on one page
+    object_block  (n_object,) int32        objects of one block share the UVs (tri_uv / page_size - offset) / scale; -1 for none
     object_place  (n_object, 4) float64    pages: scale along x and y, offset along x and y; 1, 1, 0, 0 without a block
     warnings      subject and sentence
     """
@@ -64,14 +64,14 @@ class ChartAtlas:
 
 
 def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwatched, kept: ChartCache | None = None) -> ChartAtlas:
-    """Charts of all receiving objects, of one density in texels/m; existing layers are kept and get pages of their own.
+    """Lay out the charts of all receiving objects at one density in texels/m; existing layers are kept and get pages of their own.
 
     If only the page size is chosen, small objects get a higher density (see even_out), and page_plan sets the number of pages. Pages are
     larger than chosen if the charts of one object, which lie on one page, do not fit.
 
     kept    charts of an earlier bake, see find_charts
-    watch   receives UNWRAPPING, PACKING, and the share of each that is done; it may raise
-    Raises ValueError when charts do not fit the pages at any density, or when xatlas is needed and cannot be loaded, or crashes.
+    watch   receives UNWRAPPING, PACKING, and the finished share of each; it may raise
+    Raises ValueError if charts do not fit the pages at any density, or if xatlas is needed and cannot be loaded, or crashes.
     """
     return _AtlasMaker(snapshot, settings, watch, kept).make()
 
@@ -89,7 +89,12 @@ class _Packed:
 
 @dataclass
 class _Worn:
-    """The layout of a block; `alone` is its smallest object's page, if every object has a page of its own."""
+    """The layout of a block.
+
+    smallest, largest   objects of the block
+    laid                layout and outline at the last density
+    alone               the smallest object placed on a page, if every object has a page of its own
+    """
 
     smallest: int
     largest: int
@@ -98,7 +103,7 @@ class _Worn:
 
 
 class _PageTooSmallError(Exception):
-    """The charts of an object, its argument, do not fit a page at any density."""
+    """The charts of an object, which is the argument, do not fit a page at any density."""
 
 
 class _AtlasMaker:
@@ -117,7 +122,7 @@ class _AtlasMaker:
         self.object_page = np.full(count, -1, np.int32)
         self.object_block = np.full(count, -1, np.int32)
         self.object_place = np.tile(np.array([1.0, 1.0, 0.0, 0.0]), (count, 1))
-        self.size = np.ones(count)  # in metres, over the smallest object of the same block; `scale` is in texels
+        self.size = np.ones(count)  # size in metres over that of the block's smallest object; `scale` is the same in texels
         self.worn: list[_Worn] = []
         for number, block in enumerate(self.found.blocks):
             members = np.array(block.members)
@@ -171,14 +176,14 @@ class _AtlasMaker:
             self._pack_by_page_size(unwrapped)
 
     def _begin(self, density: float) -> None:
-        """Start without pages and with this density, texels/m; 0 means the greatest that fits."""
+        """Remove all pages and set the density, texels/m; 0 for the greatest that fits."""
         self.page_count = 0
         self.density[:] = density
         for worn in self.worn:
             worn.alone = None
 
     def _pack_by_page_size(self, objects: list[int]) -> None:
-        """One page at the greatest density that fits, or several pages if that is too low."""
+        """Pack on one page at the greatest density that fits, or on several pages if that is too low."""
         charts = self._select(objects)
         found = self._find_fit(objects, 0)
         demand = self._measure_demand(objects)
@@ -201,7 +206,7 @@ class _AtlasMaker:
             self._make_blocks_fit()
             self._pack_first_fit(objects)
             density *= _LESS_DENSE
-            is_tried_enough = left < _MOST_TRIES - _TRIES or density < least  # a page more is accepted, if allowed
+            is_tried_enough = left < _MOST_TRIES - _TRIES or density < least  # then one more page is accepted, if allowed
             if self.page_count <= plan.pages or (is_tried_enough and not self._has_too_many()):
                 return
             del self.warnings[n_warning:]
@@ -218,7 +223,7 @@ class _AtlasMaker:
         return 0 < self.settings.max_pages < self.page_count
 
     def _check_count(self) -> None:
-        """Raises ValueError if there are more pages than max_pages."""
+        """Raise ValueError if there are more pages than max_pages."""
         if self._has_too_many():
             instead = "a lower density" if self.settings.density > 0 else "a greater page size"
             raise ValueError(
@@ -227,7 +232,7 @@ class _AtlasMaker:
             )
 
     def _enlarge_pages(self, i: int, objects: list[int]) -> None:
-        """Enlarges the pages to hold all charts of an object; raises ValueError if no page size does."""
+        """Enlarge the pages until they hold all charts of an object; raises ValueError if no page size does."""
         count = self._count_charts([i])
         size = find_page_size(count, self.page, MAX_PAGE_SIZE_TEXELS) if self.page.inside and self.settings.atlas else 0
         if not size:
@@ -268,7 +273,7 @@ class _AtlasMaker:
         return self.found.outlines.select(np.concatenate([np.arange(first[i], first[i + 1]) for i in objects]))
 
     def _lay_out(self, objects: Sequence[int], density: float) -> Outlines | None:
-        """Outlines to place for the objects, in order: those of their charts, or of their blocks."""
+        """Outlines to place for the objects, in order: of their charts, or of their blocks; None if a block does not fit a page."""
         parts: list[Outlines] = []
         for blocked, group in itertools.groupby(objects, lambda i: self.object_block[i] >= 0):
             if not blocked:
@@ -282,7 +287,7 @@ class _AtlasMaker:
         return join_outlines(parts)
 
     def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
-        """The layout of an object's block, and its outline for the smallest object."""
+        """The layout of an object's block, and its outline in metres of the smallest object; None if it does not fit a page."""
         worn = self.worn[int(self.object_block[i])]
         if worn.laid is None or worn.laid[0].density != density:
             outlines = self._select([worn.smallest])
@@ -291,7 +296,7 @@ class _AtlasMaker:
         return worn.laid
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
-        """Raises _PageTooSmallError where they do not fit."""
+        """Place objects on a page at the greatest density; raises _PageTooSmallError if they do not fit."""
         found = self._find_fit(objects, page)
         if found is None:
             raise _PageTooSmallError(max(objects, key=lambda i: self._count_charts([i])))
@@ -299,7 +304,7 @@ class _AtlasMaker:
         return found
 
     def _find_fit(self, objects: list[int], page: int) -> _Packed | None:
-        """The greatest density at which objects fit a page; None if there is none."""
+        """Objects placed on a page at the greatest density that fits; None if there is none."""
         outlines = self._select(objects)
         found = find_greatest_density(outlines, self.page, lambda density: self._try(objects, density))
         return None if found is None else _Packed(objects, page, *found)
@@ -312,7 +317,7 @@ class _AtlasMaker:
                 self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
 
     def _try(self, objects: list[int], density: float) -> Outlines | None:
-        if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes a while: allow cancellation
+        if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes long, so allow cancellation
             self._watch(PACKING, 0.0, "")
         return self._lay_out(objects, density)
 
@@ -321,7 +326,7 @@ class _AtlasMaker:
         return int(sum(first[i + 1] - first[i] for i in objects))
 
     def _make_blocks_fit(self) -> None:
-        """Lowers the density of all objects of a block that is too large for a page on the largest of them."""
+        """Lower the density of all objects of a block whose largest object does not fit a page."""
         for worn, block in zip(self.worn, self.found.blocks, strict=True):
             shapes = self._shape(worn.largest)
             if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
@@ -356,7 +361,7 @@ class _AtlasMaker:
         self._apply(packed)
 
     def _shape(self, i: int) -> Shapes | None:
-        """Shapes of an object at its density; None if it fits no page."""
+        """Shapes of an object at its density; None if it does not fit a page."""
         density = float(self.density[i])
         outlines = self._lay_out([i], density)
         if outlines is None or not fits_alone(outlines, density, self.page):
@@ -364,14 +369,14 @@ class _AtlasMaker:
         return shape_charts(outlines, density, self.page)
 
     def _try_on(self, i: int, shapes: Shapes, page: int, horizon: Int32) -> bool:
-        """Places an object at its density above the horizon, and raises that, if it fits."""
+        """Place an object at its density above the horizon, which is raised; returns whether it fits."""
         placement = place_charts(shapes, horizon)
         if placement is not None:
             self._apply(_Packed([i], page, float(self.density[i]), shapes, placement))
         return placement is not None
 
     def _pack_first_fit(self, objects: list[int]) -> None:
-        """Whole objects, the largest first, each on the first page that has room for it."""
+        """Place whole objects, the largest first, each on the first page that has room for it."""
         area = {i: float(self._select([i]).area.sum()) for i in objects}
         horizons: list[tuple[int, Int32]] = []
         for i in self._each(sorted(objects, key=lambda i: (-area[i], i))):
@@ -404,7 +409,7 @@ class _AtlasMaker:
             self.object_page[i] = packed.page
 
     def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
-        """UVs of an object with a block."""
+        """UVs of an object of a block, in texels; sets its object_place."""
         laid = self._lay_block(i, packed.density)
         assert laid is not None, "it was laid out to be packed"
         layout = laid[0]

@@ -12,12 +12,12 @@ from .page_plan import FILLED_SHARE, find_gap
 
 _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP, _STEP_DOWN = 1.08, 0.92  # steps without a prediction
-_WANTED_HEIGHT = 0.995  # of a page: predicted heights are off by a little, and a layout that is too high is useless
-# Number of tries that predict the next one, for at least so many charts: with few charts heights jump, and a try takes little time.
+_WANTED_HEIGHT = 0.995  # of a page: predicted heights are slightly off, and a layout that is too high is useless
+# The first _MOST_TRIES tries predict the next one if there are at least _MANY charts; with fewer, heights jump and a try takes little time.
 _MOST_TRIES, _MANY = 4, 1000
 _POWERS = (0.2, 2.0)  # bounds of p in height ~ density^p; measured 0.2 where padding is most of the height, 2 without padding
-_TOO_HIGH = 1.5  # of a page's inside: the placing of many charts ends at this height
-_LEAST_EXTENT_M = 1e-30  # of charts that are points: their density stays finite
+_TOO_HIGH = 1.5  # of a page's inside: a try with many charts is abandoned at this height
+_LEAST_EXTENT_M = 1e-30  # keeps the density of charts that are points finite
 _LEAST_SHARE = 1e-8  # of the greatest possible density; below it charts are points
 
 
@@ -35,7 +35,7 @@ class _Try:
 
     @property
     def height(self) -> float:
-        """Share of the page that is taken."""
+        """Height of the layout over that of the page."""
         page = self.shapes.page
         return (self.placement.top + page.padding) / (page.inside + page.padding)
 
@@ -43,11 +43,11 @@ class _Try:
 def find_greatest_density(
     outlines: Outlines, page: Page, lay_out: Callable[[float], Outlines | None] | None = None
 ) -> tuple[float, Shapes, Placement] | None:
-    """The greatest density, in texels/m, at which all charts fit one page, found to about 1 %; None where none does.
+    """The greatest density, in texels/m, at which all charts fit one page, to about 1 %; None if there is none.
 
     With many charts, the heights of earlier tries predict the density at which they fill the page.
 
-    lay_out   gives the outlines to place at a density, by default the charts' own; it gives None if they fit no page
+    lay_out   returns the outlines to place at a density, or None if they do not fit a page; by default `outlines`
     """
     if not page.inside:
         return None
@@ -81,7 +81,7 @@ def find_greatest_density(
 
 
 def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling: int | None) -> _Try | None:
-    """None if a chart is longer than the page, or the layout passes `ceiling`, see place_charts."""
+    """Charts placed at a density; None if a chart is longer than the page, or the layout exceeds `ceiling`, see place_charts."""
     if outlines is None or not fits_alone(outlines, density, page):
         return None
     shapes = shape_charts(outlines, density, page)
@@ -90,9 +90,8 @@ def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling:
 
 
 def _foresee(outlines: Outlines, tries: list[_Try], height: float) -> float:
-    """Predicted density at which charts take the share `height` of the page.
-
-    It follows from a power law through the last two tries; after the first try, from the charts' boxes.
+    """Predicted density at which charts take the share `height` of the page: by a power law through the last two tries, or after the first
+    try by the charts' boxes.
     """
     last = tries[-1]
     if len(tries) == 1:

@@ -1,15 +1,14 @@
 """Even Out: a density for each object without a chosen one, so that small objects keep a usable part of the page.
 
-At one density for all, texels go by area: a ground of 200 m takes 96 % of a page, and each of 60 props on it has about 100 texels.
-How large a texel may be depends on the distance from which it is seen. Two guesses bound that:
+With one density for all, texels are proportional to area: a ground of 200 m takes 96 % of a page, and each of 60 props on it has about 100
+texels. How large a texel may be depends on the distance from which it is seen. Two assumptions bound that:
 
-  all are seen from one distance                    texels ~ area         density the same
-  each is looked at until it fills the view         texels ~ 1            density ~ area^-1/2
+  all objects are seen from one distance            texels ~ area         equal density
+  each object is seen until it fills the view       texels ~ 1            density ~ area^-1/2
 
-Small things lie between, at the geometric mean of both: texels ~ area^1/2, density ~ area^-1/4. They are those that would have fewer
-than USABLE texels at one density. By that rule they share half of the page, but none is lifted above USABLE texels; all others share what
-is left at one density. So large things keep half of their texels at least, which is 71 % of their density, and nothing changes on a page
-where all is usable already.
+Small objects, which are those with fewer than USABLE texels at one density, get the geometric mean of both: texels ~ area^1/2,
+density ~ area^-1/4. Together they share at most half of the page, and none is raised above USABLE texels. All others share the rest at
+one density. So large objects keep at least half of their texels, or 71 % of their density, and a page without small objects is unchanged.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ from .page_plan import count_usual_texels
 Float64: TypeAlias = NDArray[np.float64]
 
 USABLE = 1024.0  # texels of an object, 32 x 32: a side of a box then has 13 x 13, which hold a gradient and the edge of a shadow
-_MOST_SHARE = 0.5  # of a page, for all small things together
+_MOST_SHARE = 0.5  # of a page, for all small objects together
 
 
 def acts(settings: Settings) -> bool:
-    """Whether densities are evened out: not where the user chose one, nor where every object fills a page by itself."""
+    """Whether densities are evened out: not if the user chose one, nor if every object has a page of its own."""
     return settings.even_out and settings.atlas and settings.density == 0.0
 
 
 def find_factors(area_m2: Float64, is_set: NDArray[np.bool_], texels: float) -> Float64:
-    """(n,) float64, 1 or more: times as many texels per metre as the others have.
+    """(n,) float64, at least 1: density of each object relative to that of large objects.
 
-    area_m2   (n,) float64   surfaces, times the square of the density factor that is set
-    is_set    (n,) bool      whose density the user set: it stays as it is, relative to the others
-    texels    of a page
+    area_m2   (n,) float64   surface areas times the squared density factors that are set
+    is_set    (n,) bool      objects whose relative density the user set, which stays
+    texels    usable texels of a page
     """
     factor = np.ones(len(area_m2))
     total = float(area_m2.sum())
@@ -54,7 +53,7 @@ def find_factors(area_m2: Float64, is_set: NDArray[np.bool_], texels: float) -> 
     root = np.sqrt(area_m2)
     wanted = np.where(small, np.minimum(USABLE, _MOST_SHARE * texels * root / root[small].sum()), 0.0)
     lifted = np.zeros(len(area_m2), bool)
-    while True:  # what is lifted takes texels of the others, and some of them may want to be lifted then
+    while True:  # raised objects take texels from the others, some of which may then need to be raised too
         rest = float(area_m2[~lifted].sum())
         if rest <= 0.0:
             return np.ones(len(area_m2))  # no object has texels to spare
@@ -67,7 +66,7 @@ def find_factors(area_m2: Float64, is_set: NDArray[np.bool_], texels: float) -> 
 
 
 def even_out(snapshot: SceneSnapshot, settings: Settings) -> SceneSnapshot:
-    """The scene with density factors that are evened out; the same scene where they need not be."""
+    """The scene with density factors that are evened out; the same scene if they need not be."""
     packed = np.array([one.receives and not one.has_layer for one in snapshot.objects], bool)
     if not (acts(settings) and packed.any()):
         return snapshot

@@ -1,4 +1,4 @@
-"""Charts of a UV layer, and what is wrong with a layer that comes from outside."""
+"""Charts of a UV layer, and checks of a layer that was made elsewhere."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-_SAME_UV = 1e-5  # pages; nearer UVs are one point, as rounding to float32 may have moved them
-_PAGE_TOLERANCE = 1e-5  # pages that rounding may carry a UV beyond its page
+_SAME_UV = 1e-5  # pages; UVs nearer than this are one point, since rounding to float32 may have moved them
+_PAGE_TOLERANCE = 1e-5  # pages; rounding may move a UV this far off its page
 _NO_HEIGHT = 1e-7  # height over longest side below which a triangle is a line in float32 UVs
 _INSET = 0.05  # raster texels taken off every side of a triangle, so that neighbours do not overlap
 _RASTER_MIN, _RASTER_MAX = 256, 2048
@@ -27,11 +27,7 @@ _MAX_RASTER_TEXELS = 2e7
 
 @dataclass(frozen=True)
 class LayerCheck:
-    """Which triangles of a layer can be baked, and what is odd about it.
-
-    usable     (n_tri,) bool
-    findings   what was found, each with what to do
-    """
+    """Result of a check: usable (n_tri,) bool are the triangles that can be baked; findings are sentences with what to do."""
 
     usable: Bool
     findings: tuple[str, ...]
@@ -46,8 +42,8 @@ def label_charts(
     tri_corner   (n, 3) int       a corner has one UV, so the triangles of a polygon stay together
     tri_uv       (n, 3, 2) float64
     tri_group    (n,) int         -1 for triangles without a chart
-    same_uv      how far UVs of one point may lie apart, of all triangles or (n,) of each
-    out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, from corner k on, is
+    same_uv      greatest distance of UVs that count as one point, for all triangles or (n,) for each
+    out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, which starts at corner k, is
                  shared within its chart
     """
     n_tri = len(tri_vertex)
@@ -72,8 +68,8 @@ def label_charts(
 
 
 def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64) -> tuple[Int64, Bool]:
-    """Sides by group and edge, those of no group left out, and of more than two at one edge by their UVs; and whether each but the last is
-    at the edge of the one after it.
+    """Sides ordered by group and edge, and by UV if an edge has more than two, without those of no group; and whether each but the last has
+    the edge of the next one.
 
     low, high   (m,) int, of vertices
     group       (m,) int, -1 for sides that are left out
@@ -91,7 +87,7 @@ def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64
 
 
 def signed_areas(tri_uv: Float64) -> Float64:
-    """(n,) float64: areas of triangles, negative where they turn clockwise.
+    """(n,) float64: areas of triangles, negative for clockwise ones.
 
     tri_uv   (n, 3, 2) float64
     """
@@ -101,11 +97,11 @@ def signed_areas(tri_uv: Float64) -> Float64:
 
 
 def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerCheck:
-    """The triangles of an existing layer that can be baked.
+    """Find the triangles of an existing layer that can be baked.
 
     tri_uv        (n, 3, 2) float64, pages
     tri_polygon   (n,) int
-    solid         (n,) bool, triangles with an area in space; the others are left out without a warning
+    solid         (n,) bool, triangles with an area in space; others are left out without a warning
     """
     finite = np.isfinite(tri_uv).all(axis=(1, 2))
     uv = np.where(finite[:, None, None], tri_uv, 0.0)
@@ -129,7 +125,7 @@ def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerChe
 
 
 def find_overlaps(tri_uv: Float64) -> Bool:
-    """Triangles that lie over others: one covers a texel of a raster wholly that the other touches.
+    """Triangles that overlap others: on a raster, one covers a whole texel that the other touches.
 
     tri_uv   (n, 3, 2) float64, pages, within 0 to 1; no triangle without area
     out      (n,) bool
@@ -152,7 +148,7 @@ def find_overlaps(tri_uv: Float64) -> Bool:
 
 
 def _inset(uv: Float64) -> Float64:
-    """Triangles scaled about the centres of their incircles, so that every side moves in by _INSET; the narrow ones become points."""
+    """Triangles scaled about their incentres, so that every side moves inwards by _INSET; narrow ones become points."""
     opposite = np.linalg.norm(np.roll(uv, -1, axis=1) - np.roll(uv, -2, axis=1), axis=2)
     perimeter = opposite.sum(axis=1)
     centre = (opposite[:, :, None] * uv).sum(axis=1) / perimeter[:, None]
@@ -163,7 +159,7 @@ def _inset(uv: Float64) -> Float64:
 
 
 def _count_texels(start: Int64, end: Int64, size: int) -> NDArray[np.int32]:
-    """(size * size,) int32: how many of the ranges hold each texel. Of a few triangles on a large raster this is most of the work."""
+    """(size * size,) int32: number of ranges that contain each texel. With few triangles on a large raster this is most of the work."""
     change = np.bincount(start, minlength=size * size + 1)
     change -= np.bincount(np.maximum(end, start), minlength=size * size + 1)
     count: NDArray[np.int32] = np.cumsum(change, dtype=np.int32)[: size * size]

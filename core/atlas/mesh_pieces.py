@@ -1,8 +1,8 @@
-"""Pieces of dense meshes, which bound the size of charts.
+"""Cuts dense meshes into pieces, which bounds the size of charts.
 
-For each triangle that xatlas adds to a chart it evaluates all of the chart again, so that its time grows with the square of the number of
-triangles: a smooth ground of 20,000 takes ten times what 5,000 take, and one of a million would take half a day. Coplanar triangles cost
-nothing and stay together. For dense pieces xatlas first grows small charts and then joins them, too (xatlas_process).
+For each triangle that xatlas adds to a chart, it evaluates the whole chart again, so its time grows with the square of the number of
+triangles: a smooth ground of 20,000 takes ten times as long as one of 5,000, and one of a million would take half a day. Coplanar triangles
+cost nothing and stay together. In dense pieces, xatlas also grows small charts first and then joins them (xatlas_process).
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from ..util.arrays import IntArray
 Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 
-_MOST_FACETS = 1 << 11  # with half as many more, xatlas takes half as long again on rough grounds, and few more texels find room on a page
-_DENSE_FACETS = 1 << 10  # with fewer, large charts take little time to grow
+_MOST_FACETS = 1 << 11  # with half as many more, xatlas takes half as long again on rough grounds, and hardly more texels fit on a page
+_DENSE_FACETS = 1 << 10  # pieces with fewer grow large charts in little time
 
 
 def is_dense(tri_facet: IntArray) -> bool:
-    """Whether a piece whose triangles (n,) are of these facets has so many that xatlas had better grow small charts first."""
+    """Whether a piece has so many facets, given for each of its triangles (n,), that xatlas should grow small charts first."""
     return len(tri_facet) > _DENSE_FACETS and len(np.unique(tri_facet)) > _DENSE_FACETS
 
 
 def split_part(tri_facet: IntArray, tri_polygon: IntArray, tri_centre: Float64) -> list[Int64]:
-    """Rows of the triangles of each piece of a part: it is halved along its longest axis until none has more than 2,048 facets.
+    """Rows of the triangles of each piece: the part is halved along its longest axis until no piece has more than _MOST_FACETS facets.
 
-    tri_facet     (n,) int, alike for triangles that hang together in one plane: these stay together
-    tri_polygon   (n,) int, alike for triangles that stay together too
+    tri_facet     (n,) int, equal for connected coplanar triangles, which stay together
+    tri_polygon   (n,) int, equal for triangles of a polygon, which stay together too
     tri_centre    (n, 3) float64
     """
     if len(tri_facet) <= _MOST_FACETS:
@@ -51,7 +51,7 @@ def split_part(tri_facet: IntArray, tri_polygon: IntArray, tri_centre: Float64) 
 
 
 def _halve(place: Float64, facets: Int64) -> list[Int64]:
-    """Rows of places (n, 3) of so many facets (n,), near each other in each set."""
+    """Sets of rows near each other, with at most _MOST_FACETS facets each, of items at positions (n, 3) with facets (n,)."""
     rest, done = [np.arange(len(place))], []
     while rest:
         rows = rest.pop()

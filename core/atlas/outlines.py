@@ -1,4 +1,4 @@
-"""Borders of charts, rotated to the smallest bounding box, and their sizes."""
+"""Borders and sizes of charts, and their rotation to the smallest bounding box."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 
 _TURNS = 24  # angles tried in a quarter turn, to find the smallest box
-_POINTS_AT_ONCE = 1 << 16  # of all turns together, to bound memory
-_AS_LONG = 1.0 - 1e-4  # of the longest edge
+_POINTS_AT_ONCE = 1 << 16  # points of all turns together, to bound memory
+_AS_LONG = 1.0 - 1e-4  # share of the longest edge from which an edge counts as equally long
 _CLEARLY_SMALLER = 0.999  # the longest edge keeps its direction unless another turn saves this much
 
 
@@ -24,11 +24,11 @@ _CLEARLY_SMALLER = 0.999  # the longest edge keeps its direction unless another 
 class Outlines:
     """The borders of charts, each with its smallest coordinates at 0.
 
-    edge     (n_edge, 2, 2) float64, m: two ends
+    edge     (n_edge, 2, 2) float64, m: both ends
     start    (n_chart + 1,) int64         edges of chart c are start[c]:start[c + 1]
     extent   (n_chart, 2) float64, m
     area     (n_chart,) float64, m^2
-    rigid    (n_chart,) bool              may be moved, but not turned
+    rigid    (n_chart,) bool              whether the chart must not be turned
     """
 
     edge: Float64
@@ -54,7 +54,7 @@ class Outlines:
 
 
 def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Float64:
-    """Charts rotated to the smallest box and moved to 0; the directions tried are the longest border edge's and even steps.
+    """Charts rotated to the smallest box and moved to 0. The angles tried are that of the longest border edge and _TURNS even steps.
 
     uv       (n, 3, 2) float64
     chart    (n,) int64
@@ -65,7 +65,7 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
     length = np.hypot(vector[:, 0], vector[:, 1])
     longest = np.zeros(n_chart)
     np.maximum.at(longest, edge_chart, length)
-    is_longest = length > _AS_LONG * longest[edge_chart]  # the first of equals, whatever the rounding
+    is_longest = length > _AS_LONG * longest[edge_chart]  # so that the first of equal edges is chosen, whatever the rounding
     order = np.lexsort((np.arange(len(edge)), ~is_longest, edge_chart))
     first = order[np.unique(edge_chart[order], return_index=True)[1]]
     angles = np.zeros((_TURNS + 1, n_chart))

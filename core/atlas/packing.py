@@ -1,4 +1,4 @@
-"""Packing of charts on square pages, above the horizon of the placed ones.
+"""Packing of charts on square pages: each is placed as low as possible above the horizon, the upper contour of the placed ones.
 
 Source: Levy, Petitjean, Ray & Maillot 2002, "Least Squares Conformal Maps", section 5; with four turns of each chart.
 Measured against xatlas's own packer (100 and 1,000 rectangles, 1,024 texels, padding 4): 80 and 61 % of the page instead of
@@ -23,13 +23,13 @@ Int64: TypeAlias = NDArray[np.int64]
 
 _ROUNDING = 1e-6  # tolerance, texels, by which a chart may reach over the edge of a texel
 _MAX_COLUMNS = 1024  # a wider page is searched in steps of several texels
-_BOXY = 0.995  # share of its box that a chart fills from which on turning it upside down saves nothing
-_SMALL = 16  # texels; turning a smaller chart upside down saves nothing measurable
+_BOXY = 0.995  # a chart that fills this share of its box is not turned upside down, which would save nothing
+_SMALL = 16  # texels; turning smaller charts upside down saves nothing measurable
 
 
 @dataclass(frozen=True)
 class Page:
-    """A square page; its inside, without the padding at its border, is searched in columns of `step` texels."""
+    """A square page. Its inside, which is without the padding at its border, is searched in columns of `step` texels."""
 
     size: int
     padding: int
@@ -46,11 +46,11 @@ class Page:
 
     @property
     def reach(self) -> int:
-        """Columns that hold the padding."""
+        """Number of columns that the padding takes."""
         return -(-self.padding // self.step)
 
     def empty_horizon(self) -> Int32:
-        """(columns + 2 reach,) int32: the height to which each column is taken; an empty one leaves no padding below."""
+        """(columns + 2 reach,) int32: height to which each column is filled; -padding, as no padding is needed above the page's border."""
         return np.full(self.inside // self.step + 2 * self.reach, -self.padding, np.int32)
 
 
@@ -60,7 +60,7 @@ class Placement:
 
     turn     (n,) int64      quarter turns, counterclockwise
     offset   (n, 2) int64    texels: page texel of the turned chart's lower left corner
-    top      texels of the page's inside up to which they come
+    top      height of the layout within the page's inside, texels
     """
 
     turn: Int64
@@ -70,9 +70,9 @@ class Placement:
 
 @dataclass(frozen=True)
 class _Profiles:
-    """Lowest and highest texel of charts in every column of their own, with `reach` columns more on both sides.
+    """Lowest and highest texels of charts in each of their columns, and in `reach` columns more on both sides.
 
-    low, high   (n,) int32   of the chart and its padding
+    low, high   (n,) int32   of the chart with its padding
     roof        (n,) int32   highest texel of the chart alone
     floor       (n,) int32   lowest texel of the chart alone
     start       (n_chart + 1,) int64
@@ -91,8 +91,8 @@ class Shapes:
 
     along   profiles along x and along y
     side    (n, 2) int64, texels
-    order   (n,) int64    to place them in
-    turns   (n,) int64    quarter turns that make a difference
+    order   (n,) int64    order in which they are placed
+    turns   (n,) int64    number of quarter turns to try
     """
 
     page: Page
@@ -107,14 +107,14 @@ def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
     side = np.maximum(np.ceil(outlines.extent * density - _ROUNDING), 1).astype(np.int64)
     edge, chart = outlines.edge * density, outlines.edge_chart
     along = (_measure_profiles(edge, chart, side, page), _measure_profiles(edge[..., ::-1], chart, side[:, ::-1], page))
-    order = np.lexsort((-side.min(axis=1), -side.max(axis=1)))  # long ones first; lexsort is stable
+    order = np.lexsort((-side.min(axis=1), -side.max(axis=1)))  # long charts first; lexsort is stable
     boxy = (outlines.area > _BOXY * outlines.extent.prod(axis=1)) | (side.max(axis=1) <= _SMALL)
     turns = np.where(outlines.rigid | (side.max(axis=1) == 1), 1, np.where(boxy, 2, 4))
     return Shapes(page, along, side, order, turns)
 
 
 def fits_alone(outlines: Outlines, density: float, page: Page) -> bool:
-    """Whether no chart is longer than the page at this density, nor all together larger."""
+    """Whether, at this density, no chart is longer than the page and their total area is not larger."""
     longest = outlines.extent.max(initial=0.0) * density
     return longest <= page.inside + _ROUNDING and float(outlines.area.sum()) * density**2 <= page.inside**2 * (1 + 1e-9)
 
@@ -133,7 +133,7 @@ def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _
     width = right[:, 0] - left[:, 0]
     upright = width <= 0
     width = np.where(upright, 1.0, width)
-    # An upright edge is one point along x: its ends are then taken as they are.
+    # A vertical edge is one point along x; both of its ends count.
     share = np.clip((np.stack([column * step, (column + 1) * step]) - left[:, 0]) / width, 0.0, 1.0)
     share = np.where(upright, np.array([[0.0], [1.0]]), share)
     height = left[:, 1] + share * (right[:, 1] - left[:, 1])
@@ -146,14 +146,14 @@ def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _
     floor = np.where(empty, far, np.floor(np.where(empty, 0.0, low) + _ROUNDING)).astype(np.int32)
     roof = np.where(empty, -far, np.ceil(np.where(empty, 0.0, high) - _ROUNDING)).astype(np.int32)
     roof = np.where(empty, -far, np.maximum(roof, floor + 1))
-    # A row for each shift within the reach: numpy is fast at long ones.
+    # One long row for each shift within the reach, on which numpy is fast.
     outer_low = sliding_window_view(np.pad(floor, reach, constant_values=far), len(floor)).min(axis=0)
     outer_high = sliding_window_view(np.pad(roof, reach, constant_values=-far), len(roof)).max(axis=0)
     return _Profiles(outer_low - page.padding, outer_high + page.padding, roof, floor, start)
 
 
 class _Sides:
-    """The undersides and upper sides of charts after quarter turns; plain numbers, which are read faster one by one."""
+    """The undersides and upper sides of charts after quarter turns. Uses lists, whose items are read faster one by one."""
 
     def __init__(self, shapes: Shapes) -> None:
         self._along = [(along, along.start.tolist()) for along in shapes.along]
@@ -166,14 +166,14 @@ class _Sides:
         return height
 
     def under(self, chart: int, turn: int) -> Int32:
-        """The padded underside."""
+        """The underside of the turned chart with its padding."""
         profiles, start = self._along[turn % 2]
         rows = slice(start[chart], start[chart + 1])
         under = profiles.low[rows] if turn in (0, 1) else self.across(chart, turn) - profiles.high[rows]
         return under if turn in (0, 3) else under[::-1]
 
     def upper(self, chart: int, turn: int) -> Int32:
-        """The bare upper side."""
+        """The upper side of the turned chart without padding."""
         profiles, start = self._along[turn % 2]
         rows = slice(start[chart] + self._reach, start[chart + 1] - self._reach)
         upper = profiles.roof[rows] if turn in (0, 1) else self.across(chart, turn) - profiles.floor[rows]
@@ -181,9 +181,9 @@ class _Sides:
 
 
 def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> Placement | None:
-    """The charts above the horizon, which is raised; None, and the horizon as it was, where the page is full.
+    """Place the charts above the horizon, which is raised. Returns None and leaves the horizon as it is if they do not fit.
 
-    ceiling   texels to which they may come, if not the page's inside
+    ceiling   greatest height, texels; by default that of the page's inside
     """
     page, sides = shapes.page, _Sides(shapes)
     padding, step, reach = page.padding, page.step, page.reach
@@ -192,10 +192,10 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
     offset = np.zeros((len(shapes.side), 2), np.int64)
     columns = len(horizon)
     taken = np.concatenate([horizon, np.zeros(columns, np.int32)])
-    # Row k is the horizon k columns on. A chart is tried at all columns at once, one long row for each of its own: what numpy is fast at.
+    # Row k is the horizon shifted by k columns. A chart is tried at all columns at once, with one long row for each of its own columns.
     ahead = sliding_window_view(taken, columns) if columns else taken
     turns = shapes.turns.tolist()
-    is_point = shapes.side.max(axis=1, initial=0)[shapes.order] == 1  # the last ones, as long charts come first
+    is_point = shapes.side.max(axis=1, initial=0)[shapes.order] == 1  # these are the last in order
     for chart in shapes.order[~is_point].tolist():
         best: tuple[int, int, int, int] | None = None
         for candidate in range(turns[chart]):
@@ -233,11 +233,11 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
 
 
 def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | None:
-    """Columns and bottoms (count, 2) of so many charts of one texel, one at least; None where they do not fit.
+    """Columns and bottoms (count, 2) of `count` > 0 charts of one texel, which most charts of an interior are; None if they do not fit.
 
-    All are alike, so that what was found for one holds for the next but around where that was placed. Most charts of an interior are such.
+    All are alike, so the heights found for one hold for the next, except around the place where that one was put.
 
-    bottoms   (columns,) int32, one at least, texels: where one would lie at each column; is changed
+    bottoms   (columns,) int32, not empty, texels: height at which a chart would lie in each column; overwritten
     """
     placed: list[tuple[int, int]] = []
     while len(placed) < count:
@@ -252,7 +252,7 @@ def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | 
 
 
 def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placement: Placement) -> Float64:
-    """UVs in texels of the page.
+    """(n, 3, 2) float64: UVs in texels of the page.
 
     uv      (n, 3, 2) float64, m, as in the outlines
     chart   (n,) int64
@@ -260,7 +260,7 @@ def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placemen
     x, y = uv[..., 0] * density, uv[..., 1] * density
     step = shapes.page.step
     side = shapes.side[chart]
-    # Turned charts are aligned to whole columns at their left, as their reversed profiles are.
+    # Turned charts are aligned to whole columns at their left, like their reversed profiles.
     reversed_x, reversed_y = (-(-side // step) * step).T[:, :, None]
     width, height = side.T[:, :, None]
     turn = placement.turn[chart][:, None]

@@ -4,9 +4,9 @@ A chart of w x h texels takes (w + gap) (h + gap) texels of a page. So all chart
 
     C(d) = d^2 sum w h + d gap sum (w + h) + gap^2 n
 
-at d texels per metre. One page is enough if the charts fit it and most of them keep a texel. Otherwise the number of pages is that at which
-the charts' mean area is gap^2: d^2 sum w h = gap^2 n. There the texels of square charts still grow with the square of the number of pages;
-each further page gains less. The pages have at most 4 gap^2 n texels.
+at d texels per metre. One page is enough if the charts fit it and most of them keep a texel. Otherwise there are as many pages as make the
+charts' mean area gap^2: d^2 sum w h = gap^2 n. Up to there the texels of square charts grow with the square of the number of pages; each
+further page gains less. The pages have at most 4 gap^2 n texels.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ChartDemand:
 
     @classmethod
     def of_squares(cls, count: ArrayLike, area_m2: ArrayLike) -> ChartDemand:
-        """The demand of charts that are nearly square and of one size in each object, where only number and area are known."""
+        """The demand if only number and area are known: charts are taken to be nearly square and of one size in each object."""
         number = np.maximum(np.asarray(count, np.float64), 1.0)
         box_m2 = np.asarray(area_m2, np.float64) / _SHARE_OF_BOX
         return cls(number, box_m2, 2.0 * np.sqrt(box_m2 * number))
@@ -54,20 +54,20 @@ class ChartDemand:
         return taken
 
     def find_density(self, pages: float, page: Page) -> float:
-        """Density in texels/m at which all charts fill so many pages; 0 if the gaps alone do."""
+        """Density in texels/m at which all charts fill `pages`; 0 if the gaps alone fill them."""
         gap = find_gap(page)
         square, linear = float(self.box_m2.sum()), gap * float(self.extent_m.sum())
         constant = float(self.count.sum()) * gap**2 - pages * _room(page)
         if constant >= 0.0:
             return 0.0
-        return -2.0 * constant / (linear + math.sqrt(linear**2 - 4.0 * square * constant))  # the stable root, as square may vanish
+        return -2.0 * constant / (linear + math.sqrt(linear**2 - 4.0 * square * constant))  # the stable root, since `square` may vanish
 
     def find_least_density(self, page: Page) -> float:
-        """Texels/m at which the charts are as wide as their gaps, in the mean."""
+        """Density in texels/m at which the charts are as wide as their gaps, in the mean."""
         return find_gap(page) * math.sqrt(float(self.count.sum()) / float(self.box_m2.sum()))
 
     def keep(self, kept: NDArray[np.bool_]) -> ChartDemand:
-        """That of some objects."""
+        """The demand of the objects `kept` (n,) bool."""
         return ChartDemand(self.count[kept], self.box_m2[kept], self.extent_m[kept])
 
 
@@ -76,7 +76,7 @@ _SHARE_OF_BOX = 0.8  # that a usual chart covers
 
 @dataclass(frozen=True)
 class PagePlan:
-    """So many pages, and texels/m; 0 where the charts do not fit them."""
+    """Number of pages, and density in texels/m; 0 if the charts do not fit them."""
 
     pages: int
     density: float
@@ -102,11 +102,11 @@ def is_one_enough(chart_m2: float, density: float, least: float) -> bool:
 
 
 def plan_pages(demand: ChartDemand, page: Page, most: int = 0) -> PagePlan:
-    """As many pages as it takes for charts as wide as their gaps, and the density that fills these pages.
+    """Number of pages for charts as wide as their gaps, and the density that fills these pages.
 
-    An object that is larger than a page has one by itself, at the density that fits.
+    An object that is larger than a page gets one of its own, at the density that fits.
 
-    most   pages that there may be, 0 any number
+    most   greatest number of pages, 0 for any
     """
     least = demand.find_least_density(page)
     is_large = demand.count_texels(least, page) > _room(page)
@@ -120,12 +120,12 @@ def plan_pages(demand: ChartDemand, page: Page, most: int = 0) -> PagePlan:
 
 
 def count_full_pages(demand: ChartDemand, density: float, page: Page) -> int:
-    """Pages that charts fill at a density; an object that is larger than a page has one by itself."""
+    """Number of pages that charts fill at a density; an object that is larger than a page gets one of its own."""
     return math.ceil(float(np.minimum(demand.count_texels(density, page), _room(page)).sum()) / _room(page) - 1e-9)
 
 
 def find_page_size(charts: int, page: Page, largest: int) -> int:
-    """Side of the smallest page that holds so many charts as wide as their gaps, of 2, 4, 8 ... times the size; 0 beyond the largest."""
+    """Side of the smallest page, 2, 4, 8 ... times as large, that holds `charts` as wide as their gaps; 0 if it exceeds `largest`."""
     size = 2 * page.size
     while size <= largest:
         larger = Page(size, page.padding)
@@ -136,5 +136,5 @@ def find_page_size(charts: int, page: Page, largest: int) -> int:
 
 
 def _room(page: Page) -> float:
-    """Texels of a page that charts and their gaps may take; one at least."""
+    """Texels of a page that charts and their gaps may take; at least 1."""
     return max(FILLED_SHARE * (page.inside + page.padding) ** 2, 1.0)

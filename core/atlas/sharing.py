@@ -1,5 +1,4 @@
-"""Sharing of charts: between objects with a common mesh whose shapes and sizes are about the same, and between copies of a mesh, which
-need not be unwrapped again."""
+"""Sharing of charts: between objects with a common mesh and similar shapes and sizes (blocks), and between copies of a mesh."""
 
 from __future__ import annotations
 
@@ -21,8 +20,8 @@ from ..util.geometry import triangle_normals_areas
 Float64: TypeAlias = NDArray[np.float64]
 
 MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges relative to its charts'; beyond it texels are needles
-MAX_SIZE_RATIO = 4.0  # to the owner of the charts, either way; gaps are as wide as the smallest object needs
-_SAME_SHAPE = 1e-4  # of an object's size: tolerance of copies' corners, for float32 far from the mesh's origin
+MAX_SIZE_RATIO = 4.0  # greatest ratio of sizes to the owner of the charts, either way; gaps are as wide as the smallest object needs
+_SAME_SHAPE = 1e-4  # tolerance of copies' corners, relative to the object's size: float32 is coarse far from the mesh's origin
 _SAMPLED_TRIANGLES = 1024
 _TRIANGLES_AT_ONCE = 1 << 14
 _SHORTEST = 1e-6  # of an object's longest edge; shorter edges count as this long
@@ -30,9 +29,9 @@ _SHORTEST = 1e-6  # of an object's longest edge; shorter edges count as this lon
 
 @dataclass(frozen=True)
 class Block:
-    """Two or more objects that share charts; the first is the one that is unwrapped.
+    """Two or more objects that share charts; the first one is unwrapped.
 
-    size   (n,) float64   root of each one's surface over the first's, times the ratio of their densities
+    size   (n,) float64   square root of each object's area over the first one's, times the ratio of their densities
     """
 
     members: tuple[int, ...]
@@ -40,13 +39,13 @@ class Block:
 
 
 def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
-    """All blocks of a scene; an object that shares its mesh, but fits none of them, is in none."""
+    """All blocks of a scene. An object whose mesh is shared is in none if no other object fits it."""
     start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
     rows = [slice(int(start[i]), int(start[i + 1])) for i in range(len(snapshot.objects))]
     sharing: dict[tuple[int, bytes], list[int]] = {}
     for i, one in enumerate(snapshot.objects):
         if one.mesh >= 0 and one.receives and not one.has_layer:
-            # Sorted, for a mirrored object walks its triangles the other way. A triangle that one of them lacks may change the charts.
+            # Sorted, since a mirrored object has its corners in the opposite order. Objects that lack triangles may have other charts.
             corners = np.sort(snapshot.tri_corner[rows[i]], axis=1)
             sharing.setdefault((one.mesh, corners.tobytes()), []).append(i)
     blocks: list[Block] = []
@@ -66,10 +65,10 @@ def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
 
 
 def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int]) -> dict[int, tuple[int, float]]:
-    """Those of some objects that are copies of one before them, whatever their place, turn and size: each with that one, and how many
-    times as large as it it is, times what their densities differ by. None is mirrored.
+    """Objects that are copies of an earlier one among `objects`, up to translation, rotation and scale, but not mirrored. Maps each to the
+    earlier object and the ratio of their sizes times the ratio of their densities.
 
-    tri_vertex   (n_tri, 3) int   vertices, of which objects have none in common
+    tri_vertex   (n_tri, 3) int   vertices; objects have none in common
     """
     start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
     alike: dict[bytes, list[int]] = {}
@@ -80,7 +79,8 @@ def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int
         alike.setdefault(blake2b(b"".join(part.astype(np.int64).tobytes() for part in parts)).digest(), []).append(i)
     copies: dict[int, tuple[int, float]] = {}
     for group in alike.values():
-        first: list[tuple[float, int, Float64, float]] = []  # of each shape, in the order of the shapes' means, which are alike if they are
+        # The first object of each shape, ordered by the mean of the shape's lengths, which is equal for equal shapes.
+        first: list[tuple[float, int, Float64, float]] = []
         for i, shape, size in _measure_shapes(snapshot, start, group) if len(group) > 1 else []:
             mean = float(shape.mean())
             near = slice(*(bisect_left(first, mean + side, key=itemgetter(0)) for side in (-_SAME_SHAPE, _SAME_SHAPE)))
@@ -94,8 +94,9 @@ def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int
 
 
 def _measure_shapes(snapshot: SceneSnapshot, start: IntArray, group: list[int]) -> Iterator[tuple[int, Float64, float]]:
-    """Objects of as many triangles, each with (n, 6) float64: lengths of the triangles' sides, and of their corners' ways to the middle of
-    all, over the object's size; and that: the root of its surface, m, as texels count it."""
+    """Objects with equal numbers of triangles, their shapes and their sizes. A shape is (n, 6) float64: lengths of the triangles' sides and
+    distances of their corners from the mean of all, over sqrt(area). The size is sqrt(area), m, times the density factor.
+    """
     n_tri = int(start[group[0] + 1] - start[group[0]])
     at_once = max(_TRIANGLES_AT_ONCE // n_tri, 1)
     for first in range(0, len(group), at_once):
@@ -111,7 +112,7 @@ def _measure_shapes(snapshot: SceneSnapshot, start: IntArray, group: list[int]) 
 
 
 def group_alike(log_length: Float64) -> list[list[int]]:
-    """All rows in groups: about the one nearest to the mean those that fit it, then the same with the rest.
+    """Groups of similar rows: the row nearest to the mean with all rows that fit it, then the same for the rest.
 
     log_length   (n, n_edge) float64, natural logarithms
     """
@@ -120,7 +121,7 @@ def group_alike(log_length: Float64) -> list[list[int]]:
     while len(left):
         rows = log_length[left]
         distance = ((rows - rows.mean(axis=0)) ** 2).mean(axis=1)
-        first = int(np.flatnonzero(distance <= distance.min() + 1e-9)[0])  # of equals, whatever the rounding, the first
+        first = int(np.flatnonzero(distance <= distance.min() + 1e-9)[0])  # the first of equal ones, whatever the rounding
         ratio = rows - rows[first]
         fits = (np.ptp(ratio, axis=1) <= math.log(MAX_STRETCH)) & (np.abs(ratio.mean(axis=1)) <= math.log(MAX_SIZE_RATIO))
         groups.append([int(left[first]), *(int(k) for k in left[fits] if k != left[first])])
@@ -129,18 +130,18 @@ def group_alike(log_length: Float64) -> list[list[int]]:
 
 
 def follow_charts(corner: IntArray, leader_corner: IntArray, uv: Float64, shared: NDArray[np.bool_]) -> tuple[Float64, NDArray[np.bool_]]:
-    """The UVs and the shared sides of an object's triangles, from those of the object that was unwrapped.
+    """The UVs and shared sides of an object's triangles, from those of the object that was unwrapped.
 
-    corner, leader_corner   (n, 3) int      the same three in each row, in any order
-    uv, shared              (n, 3, 2) float64 and (n, 3) bool, as `leader_corner` walks them
+    corner, leader_corner   (n, 3) int: the same three in each row, in any order
+    uv, shared              (n, 3, 2) float64 and (n, 3) bool, in the order of `leader_corner`
     """
     place = (corner[:, :, None] == leader_corner[:, None, :]).argmax(axis=2)
-    opposite = np.roll(place, -2, axis=1)  # of side k, from corner k on
+    opposite = np.roll(place, -2, axis=1)  # the corner opposite to side k, which starts at corner k
     return np.take_along_axis(uv, place[:, :, None], axis=1), np.take_along_axis(shared, (opposite + 1) % 3, axis=1)
 
 
 def _log_lengths(tri_position: FloatArray, tri_corner: IntArray) -> Float64:
-    """(n_edge,) float64: logarithm of the lengths of some sides of the triangles, in an order that all that share the mesh have."""
+    """(n_edge,) float64: logarithms of the lengths of some sides, in the same order for all objects that share the mesh."""
     step = -(-len(tri_corner) // _SAMPLED_TRIANGLES)
     order = np.argsort(tri_corner[::step], axis=1)
     position = np.take_along_axis(tri_position[::step], order[:, :, None], axis=1)

@@ -1,4 +1,4 @@
-"""Client of xatlas, which runs in a child process (see xatlas_process for why); imports nothing that takes long to load."""
+"""Client of xatlas, which runs in a child process (xatlas_process says why). This module loads fast."""
 
 from __future__ import annotations
 
@@ -21,57 +21,57 @@ if TYPE_CHECKING:
 _Questions: TypeAlias = "queue.SimpleQueue[tuple[Future[list[Unfolded]], list[Mesh], float, bool]]"
 
 _PROGRAM = Path(__file__).with_name("xatlas_process.py")
-# The child has this process's sys.path, and runs a script, not a module of the package, which would load the core.
+# The child gets this process's sys.path. It runs a script, since a module of the package would load the core.
 _BOOT = "import runpy, sys; sys.path[:] = sys.argv[2:]; runpy.run_path(sys.argv[1], run_name='__main__')"
-_MOST_ATLASES = 64  # kept by a child, each with a thread per core
-_MOST_TRIANGLES = 100_000  # kept by a child, about 1 kB each
-_SPARE_FROM = 0.5  # share of these at which the next child is started, so that it has loaded when it is needed
+_MOST_ATLASES = 64  # that a child keeps, each with a thread per core
+_MOST_TRIANGLES = 100_000  # that a child keeps, about 1 kB each
+_SPARE_FROM = 0.5  # the next child is started at this share of both limits, so that it has loaded when it is needed
 _WATCH_S = 0.2  # between two checks for cancellation
-_TRIES = 3  # of a request during which the child dies, mostly by chance
+_TRIES = 3  # of a request that ends the child, since most crashes are random
 
 
 class UnfolderDied(RuntimeError):
-    """The child ended without a result; holds its return code, and the object of the request if known."""
+    """The child ended without a result; the arguments are its return code and, if known, the object of the request."""
 
 
 def unfold_meshes(meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
-    """Future charts and UVs of meshes, by xatlas; the charts of all meshes lie side by side.
+    """Request charts and UVs of meshes from xatlas; the charts of all meshes lie side by side.
 
     meshes    each (n_vertex, 3) float32 and (n, 3) uint32, whose median triangle has an area of about 1
     area      total area of the meshes
-    dense     the meshes have so many triangles that growing large charts takes long
-    out       for each (n,) int32 chart, -1 where it is left out, and (n, 3, 2) float64 UV, of any scale and proportion
-    Its result raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
+    dense     whether the meshes have so many triangles that growing large charts takes long
+    out       future of, for each mesh, (n,) int32 chart, -1 if xatlas left it out, and (n, 3, 2) float64 UV, of any scale and proportion
+    Its result raises ValueError if xatlas cannot be loaded, UnfolderDied if it crashes.
     """
     return _own_unfolder(os.getpid()).ask(meshes, area, dense)
 
 
 def start_ahead() -> None:
-    """Starts the child ahead of the first mesh, so that it has loaded by then."""
+    """Start the child before the first mesh, so that it has loaded by then."""
     _own_unfolder(os.getpid()).start()
 
 
 def wait_for(answer: Future[list[Unfolded]], watch: Callable[[], None]) -> list[Unfolded]:
-    """The result of unfold_meshes; `watch` is called now and then until it is there, and may raise."""
+    """Wait for the result of unfold_meshes; `watch` is called regularly meanwhile, and may raise."""
     while not wait((answer,), _WATCH_S).done:
         watch()
     return answer.result()
 
 
 def give_up(answer: Future[list[Unfolded]]) -> None:
-    """Gives up a result of unfold_meshes."""
+    """Give up a result of unfold_meshes."""
     if not answer.cancel() and not answer.done():
         _own_unfolder(os.getpid()).give_up()
 
 
 @lru_cache(maxsize=1)
 def _own_unfolder(process_id: int) -> Unfolder:
-    """One per process, never that of the process it was forked from."""
+    """The unfolder of this process; after a fork the new process gets one of its own."""
     return Unfolder()
 
 
 class Unfolder:
-    """The child, started at the first mesh and replaced by another when it has kept enough; all end with this process at the latest."""
+    """Manages the child: it starts at the first mesh, is replaced when it keeps too much, and ends with this process at the latest."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -83,7 +83,7 @@ class Unfolder:
 
     @cached_property
     def _questions(self) -> _Questions:
-        """Created with the thread that serves it; until there is one, the process can be forked."""
+        """The queue of requests, created with the thread that serves it at the first use: before that, the process can be forked."""
         questions: _Questions = queue.SimpleQueue()
         threading.Thread(target=self._answer_all, args=(questions,), daemon=True).start()
         return questions
@@ -94,13 +94,13 @@ class Unfolder:
             self._find_child()
 
     def ask(self, meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
-        """See unfold_meshes; requests are served in order, without cancelled ones."""
+        """As unfold_meshes; requests are served in order, cancelled ones are skipped."""
         answer: Future[list[Unfolded]] = Future()
         self._questions.put((answer, meshes, area, dense))
         return answer
 
     def give_up(self) -> None:
-        """Gives up the child's current result, by ending the child, which is the only way to stop it."""
+        """Give up the child's current result by killing the child, which is the only way to stop it."""
         self._given_up, child = True, self._child
         if child:
             child.kill()
@@ -116,9 +116,9 @@ class Unfolder:
                 answer.set_exception(reason)
 
     def unfold(self, meshes: list[Mesh], area: float, dense: bool = False) -> list[Unfolded]:
-        """See unfold_meshes; waits for the answer.
+        """As unfold_meshes, but waits for the result.
 
-        Raises ValueError when xatlas cannot be loaded, UnfolderDied when it crashes.
+        Raises ValueError if xatlas cannot be loaded, UnfolderDied if it crashes.
         """
         with self._lock:
             self._given_up = False
@@ -141,7 +141,7 @@ class Unfolder:
         except (EOFError, OSError, pickle.UnpicklingError) as reason:
             self._kill()
             raise UnfolderDied(child.returncode) from reason
-        except BaseException:  # interrupted: its result must not be read as that of the next request
+        except BaseException:  # interrupted; the pending result must not be read as that of the next request
             self._kill()
             raise
         if isinstance(answer, str):
@@ -171,7 +171,7 @@ class Unfolder:
             [sys.executable, *flags, "-c", _BOOT, str(_PROGRAM), *paths],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # on Windows no console flashes up
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # opens no console on Windows
         )
         return child, weakref.finalize(self, _kill, child)  # runs once; at the latest when this process ends
 

@@ -1,4 +1,4 @@
-"""Charts for the triangles of objects, in metres: those of xatlas; polygons that it leaves out or gets wrong are charts of their own."""
+"""Charts of objects in metres, by xatlas. Polygons that it leaves out or gets wrong become charts of their own."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Bool: TypeAlias = NDArray[np.bool_]
 
-_LEAST_STRETCH = 1e-3  # a triangle whose UV area is less of its area in space is unfolded by itself
+_LEAST_STRETCH = 1e-3  # least UV area over area in space; a triangle with less is unfolded on its own
 
 
 class Unwrapping:
-    """Charts of the triangles of some objects, requested from xatlas on construction and collected by `finish`."""
+    """Charts of some objects, requested from xatlas on construction and collected by `finish`."""
 
     def __init__(
         self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
     ) -> None:
         """tri_position   (n, 3, 3) float64, m
-        tri_vertex     (n, 3) int    objects have none in common, nor polygons, nor corners
+        tri_vertex     (n, 3) int    objects have no vertices in common, nor polygons, nor corners
         tri_polygon    (n,) int
         tri_corner     (n, 3) int
         tri_object     (n,) int, triangles of an object are consecutive
@@ -38,7 +38,7 @@ class Unwrapping:
         self._polygon, self._object = (np.unique(label, return_inverse=True)[1].ravel() for label in (tri_polygon, tri_object))
         self._normal, area = triangle_normals_areas(tri_position)
         self._position = _centre(tri_position, self._object, np.flatnonzero(area > 0))
-        # Beside an enormous extent, centring rounds what is small to points, which cannot be laid out.
+        # In an enormous object, centring rounds small triangles to points, which cannot be laid out.
         self._area = np.where(triangle_normals_areas(self._position)[1] > 0, area, 0.0)
         self._solid = solid = np.flatnonzero(self._area > 0)
         self._asked = Question(
@@ -46,17 +46,16 @@ class Unwrapping:
         )
 
     def cancel(self) -> None:
-        """Gives up the charts."""
+        """Give up the charts."""
         self._asked.cancel()
 
     def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, Bool]:
-        """Charts without overlap, each with the area in UV that it has in space; corners that are joined have one UV.
+        """Charts without overlap, each with its area in space as UV area; a corner has one UV in all triangles of its polygon.
 
-        watch   called now and then while xatlas is at work, with the object it is at work on, and how many of its triangles are done;
-                it may raise
-        (n,) int64 chart, in the order of the objects, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is shared
-        within its chart
-        Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
+        watch   called regularly while xatlas works, with the current object and its number of finished triangles; it may raise
+        out     (n,) int64 chart, in the order of the objects, -1 without area; (n, 3, 2) float64 UV, m; (n, 3) bool whether side k is
+                shared within its chart
+        Raises ValueError if xatlas cannot be loaded, UnfolderDied with the code and the object if it crashes.
         """
         area, solid = self._area, self._solid
         group, uv = np.full(len(area), -1, np.int64), np.zeros((len(area), 3, 2))
@@ -65,7 +64,7 @@ class Unwrapping:
         bad[_torn_corners(group, uv, self._corner, area > 0)] = True
         chart, shared = self._label(group, uv)
         new, alone = solid, np.zeros(len(area), bool)
-        for _ in range(3):  # out of its chart, then out of its plane; by then nothing can overlap
+        for _ in range(3):  # an overlapping polygon gets its own chart, then another layout; after that nothing can overlap
             bad[new] |= self._find_overlaps(group, uv, chart, shared)[new]
             if not bad.any():
                 break
@@ -73,9 +72,9 @@ class Unwrapping:
             bad[:] = False
             chart, shared = self._label(group, uv)
         used = chart >= 0
-        # Triangles taken out of a chart were not stretched like the rest.
+        # Scale each chart to its area in space, since xatlas stretched charts and polygons were taken out of them.
         wanted, laid = (np.bincount(chart[used], values[used]) for values in (area, np.abs(signed_areas(uv))))
-        # An area in UV that vanishes to rounding is stretched by nothing: the chart is a point.
+        # A chart whose UV area rounds to 0 is a point and is not scaled.
         uv[used] *= np.sqrt(np.divide(wanted, laid, out=np.ones(len(wanted)), where=laid > 0))[chart[used], None, None]
         return chart, uv, shared
 
@@ -85,7 +84,7 @@ class Unwrapping:
         return label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent[self._object])
 
     def _find_overlaps(self, group: Int64, uv: Float64, chart: Int64, shared: Bool) -> Bool:
-        """(n,) bool: triangles that overlap others of their chart, to the resolution of a raster; proved injective charts are skipped."""
+        """(n,) bool: triangles that overlap others of their chart, at the resolution of a raster; provably injective charts are skipped."""
         used = np.flatnonzero(chart >= 0)
         doubtful = used[~find_plain_charts(self._vertex, uv, chart, shared)[chart[used]]]
         found = np.zeros(len(chart), bool)
@@ -94,7 +93,7 @@ class Unwrapping:
         return found
 
     def _take_out(self, bad: Bool, alone: Bool, group: Int64, uv: Float64) -> Int64:
-        """A chart for each polygon with a bad triangle; gives the triangles of them, which are `alone` from here on."""
+        """Give each polygon with a bad triangle a chart of its own, in place. Returns the triangles of these, which become `alone`."""
         broken = np.zeros(self._polygon.max(initial=-1) + 1, bool)
         broken[self._polygon[bad]] = True
         again = np.flatnonzero(broken[self._polygon] & (self._area > 0))
@@ -108,17 +107,17 @@ class Unwrapping:
 
 
 def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
-    """Each object about the middle of its triangles that have an area."""
+    """Positions relative to the middle of each object's bounding box, which leaves out triangles without area."""
     low, high = np.full((tri_object.max(initial=-1) + 1, 3), np.inf), np.full((tri_object.max(initial=-1) + 1, 3), -np.inf)
     np.minimum.at(low, tri_object[solid], tri_position[solid].min(axis=1))
     np.maximum.at(high, tri_object[solid], tri_position[solid].max(axis=1))
-    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))  # of an object without any
+    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))  # an object without any area
     centred: Float64 = tri_position - 0.5 * (low + high)[tri_object][:, None]
     return centred
 
 
 def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
-    """Triangles that overlap others of their chart, to the resolution of a raster; the charts are packed on shelves of one raster."""
+    """(n,) bool: triangles that overlap others of their chart, at the resolution of a raster on which all charts are packed on shelves."""
     chart = np.unique(group, return_inverse=True)[1].ravel()
     area = signed_areas(uv)
     overlapping: Bool = area == 0
@@ -133,7 +132,7 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     along = np.cumsum(side[order, 0]) - side[order, 0]
     shelf = np.floor(along / (float(side.prod(axis=1).sum()) ** 0.5 + float(side[:, 0].max()))).astype(np.int64)
     _, first, shelf = np.unique(shelf, return_index=True, return_inverse=True)
-    height = side[order[first], 1]  # the first on a shelf is the highest
+    height = side[order[first], 1]  # the first chart on a shelf is the highest
     origin = np.empty_like(side)
     origin[order] = np.stack([along - along[first][shelf], (np.cumsum(height) - height)[shelf]], axis=1)
     spread = uv + (origin - low)[chart][:, None]
@@ -143,7 +142,7 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
 
 
 def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -> Int64:
-    """Triangles with a corner that has another UV or chart in another triangle, of those used."""
+    """Triangles, among those used, with a corner that has another UV or chart in another triangle."""
     one, other = pair_corners(tri_corner, used)
     flat_uv = uv.reshape(-1, 2)
     torn = (group[one // 3] != group[other // 3]) | (flat_uv[one] != flat_uv[other]).any(axis=1)
@@ -152,10 +151,10 @@ def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -
 
 
 def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: Bool) -> Float64:
-    """Each polygon by itself: quads over their diagonal, which is isometric; others projected onto their plane.
+    """(n, 3, 2) float64: UVs of polygons, each unfolded on its own: quads are hinged at their diagonal, which is isometric, others are
+    projected onto their plane. A polygon that folds over or winds twice about a corner there, or was `tried` before, is laid on a circle.
 
-    Triangles of a polygon are consecutive. A polygon that its plane folds, or winds twice about a corner, or that was
-    tried in vain, is laid out on a circle.
+    Triangles of a polygon are consecutive.
     """
     _, first, polygon, count = np.unique(polygon, return_index=True, return_inverse=True, return_counts=True)
     polygon = polygon.ravel()
@@ -175,7 +174,7 @@ def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon:
 
 
 def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
-    """(n, 3) float64, rad: all that triangles take up together about each corner."""
+    """(n, 3) float64, rad: sum of the angles of all triangles at each corner."""
     after, before = np.roll(uv, -1, axis=1) - uv, np.roll(uv, 1, axis=1) - uv
     cross = after[..., 0] * before[..., 1] - after[..., 1] * before[..., 0]
     angle = np.arctan2(np.abs(cross), (after * before).sum(axis=2))
@@ -185,11 +184,10 @@ def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
 
 
 def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:
-    """Writes the UVs of triangles `first` and `first + 1`, turned about their common side into one plane.
-
-    Gives those of `first` that have a common side.
+    """Unfold triangles `first` and `first + 1` about their common side into one plane, writing their UVs. Returns the triangles of `first`
+    that have a common side with the next.
     """
-    # Side i of the one triangle is side j of the other, walked the other way.
+    # Side i of one triangle is side j of the other in the opposite direction.
     one, other = tri_corner[first], tri_corner[first + 1]
     match = (one[:, :, None] == np.roll(other, -1, axis=1)[:, None]) & (np.roll(one, -1, axis=1)[:, :, None] == other[:, None])
     hinged = match.any(axis=(1, 2))
@@ -207,11 +205,11 @@ def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Flo
 
 
 def _lay_on_circle(position: Float64, tri_corner: IntArray, area: float) -> Float64:
-    """A polygon's corners in their order on a circle, as far apart as in space: in convex position no triangulation overlaps."""
+    """UVs of a polygon's corners on a circle, in order, with arcs proportional to their distances: a convex polygon has no overlap."""
     _, first, index = np.unique(tri_corner, return_index=True, return_inverse=True)
     rim = position.reshape(-1, 3)[first]
     length = np.linalg.norm(np.roll(rim, -1, axis=0) - rim, axis=1)
-    length = np.maximum(length, 1e-3 * length.mean())  # corners in one place would leave a triangle without area
+    length = np.maximum(length, 1e-3 * length.mean())  # coincident corners would make a triangle without area
     angle = 2.0 * np.pi * (np.cumsum(length) - length) / length.sum()
     uv: Float64 = np.stack([np.cos(angle), np.sin(angle)], axis=1)[index.reshape(tri_corner.shape)]
     scale = (area / max(float(np.abs(signed_areas(uv)).sum()), 1e-30)) ** 0.5

@@ -32,7 +32,7 @@ _COPLANAR = 1.0 - 1e-7  # cosine between triangles above which they lie in one p
 
 @dataclass(frozen=True)
 class _Ask:
-    """Objects of one request, their pieces, and the future result."""
+    """One request: its objects, its pieces, and the future result."""
 
     objects: list[int]
     pieces: list[int]
@@ -40,7 +40,7 @@ class _Ask:
 
 
 class Question:
-    """Requests to xatlas for some objects, sent on construction."""
+    """Requests to xatlas for some objects, which are sent on construction."""
 
     def __init__(
         self, position: Float64, normal: Float64, area: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_object: IntArray
@@ -48,7 +48,7 @@ class Question:
         """position      (n, 3, 3) float64, m
         normal        (n, 3) float64
         area          (n,) float64, m^2, above 0
-        tri_vertex    (n, 3) int   objects have none in common, nor polygons
+        tri_vertex    (n, 3) int   objects have no vertices in common, nor polygons
         tri_polygon   (n,) int
         tri_object    (n,) int, triangles of an object are consecutive
         """
@@ -60,7 +60,7 @@ class Question:
         cosine = _dot(normal[one], normal[other])
         facet = join_sets(len(vertex), one[cosine > _COPLANAR], other[cosine > _COPLANAR])
         centre = position.mean(axis=1)
-        # Loose parts are separate meshes, each centred and scaled: float32 would not resolve a teaspoon in a hall.
+        # Loose parts are separate meshes, each centred and scaled, since float32 would not resolve a teaspoon in a hall.
         self._pieces = [
             part[rows] for part in _split(loose, tri_object) for rows in split_part(facet[part], tri_polygon[part], centre[part])
         ]
@@ -72,38 +72,39 @@ class Question:
             self._put(np.unique(tri_object).tolist())
 
     def _put(self, objects: list[int]) -> None:
-        """Sends requests of several objects each: an atlas takes longer to make than a box to unfold; split, so that results come early."""
+        """Send requests. Each has several small objects, since making an atlas takes longer than unfolding a box; but there are several
+        requests, so that first results come early.
+        """
         wanted, asked = np.isin(self._of_piece, objects), []
         for dense in (False, True):
             pieces = np.flatnonzero(wanted & (self._dense == dense))
             part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
             asked += np.split(pieces, np.flatnonzero(np.diff(part)) + 1) if len(pieces) else []
-        for own in sorted(asked, key=lambda pieces: int(pieces[0])):  # in the order of the objects, as for progress
+        for own in sorted(asked, key=lambda pieces: int(pieces[0])):  # in the order of objects, which progress follows
             answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), bool(self._dense[own[0]]))
             self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
 
     def cancel(self) -> None:
-        """Gives up the results."""
+        """Give up the results."""
         for ask in self._asks:
             give_up(ask.answer)
 
     def read(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64]:
-        """(n,) int64 chart, -1 where xatlas leaves a triangle out; (n, 3, 2) float64 UV, m, each chart of its area in space.
+        """(n,) int64 chart, -1 if xatlas left a triangle out; (n, 3, 2) float64 UV, m, each chart with its area in space as UV area.
 
-        watch   called now and then while xatlas is at work, with the object it is at work on, and how many of its triangles are done;
-                it may raise
-        Raises ValueError when xatlas cannot be loaded, UnfolderDied with the code and the object when it crashes.
+        watch   called regularly while xatlas works, with the current object and its number of finished triangles; it may raise
+        Raises ValueError if xatlas cannot be loaded, UnfolderDied with the code and the object if it crashes.
         """
         group, uv = np.full(len(self._area), -1, np.int64), np.zeros((len(self._area), 3, 2))
         done: Counter[int] = Counter()
-        while self._asks:  # the remaining requests are cancelled if this is left
+        while self._asks:  # requests stay in the list until they are read, so that `cancel` finds the rest
             ask = self._asks[0]
             try:
                 answer = wait_for(ask.answer, partial(watch, ask.objects[0], done[ask.objects[0]]))
             except UnfolderDied as died:
                 if len(ask.objects) == 1:
                     raise UnfolderDied(died.args[0], ask.objects[0]) from died
-                for one in ask.objects:  # one of them made xatlas crash
+                for one in ask.objects:  # one of them made xatlas crash; find out which
                     self._put([one])
             else:
                 for k, (chart, piece_uv) in zip(ask.pieces, answer, strict=True):
@@ -122,13 +123,13 @@ class Question:
 
 
 def _split(loose: Int64, tri_object: IntArray) -> list[Int64]:
-    """Rows of the triangles of each loose part, object by object."""
+    """Rows of the triangles of each loose part, ordered by object."""
     order = np.lexsort((loose, tri_object))
     return np.split(order, np.flatnonzero(np.diff(loose[order])) + 1) if len(order) else []
 
 
 def _make_meshes(pieces: list[Int64], position: Float64, area: Float64, vertex: Int64) -> tuple[list[Mesh], Float64]:
-    """Each piece as a mesh for xatlas, centred and scaled, and its scaled area."""
+    """The pieces as meshes for xatlas, centred and scaled, and their scaled areas."""
     if not pieces:
         return [], np.zeros(0)
     rows, count = np.concatenate(pieces), np.array([len(piece) for piece in pieces])
@@ -152,11 +153,12 @@ def _make_meshes(pieces: list[Int64], position: Float64, area: Float64, vertex: 
 
 
 def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: Int64) -> Float64:
-    """Charts as they were before xatlas stretched them to whole texels: as conformal as a scale along u and v can make them, not
-    mirrored, and of their area in space."""
+    """Undo xatlas's stretching of charts to whole texels: scale u and v so that each chart is as conformal as possible, not mirrored, and
+    has its area in space.
+    """
     edge, uv_edge = position[:, 1:] - position[:, :1], uv[:, 1:] - uv[:, :1]
     uv_area = signed_areas(uv)
-    steep = np.abs(uv_area) > 1e-9 * (uv_edge**2).sum(axis=(1, 2))  # others have no derivative
+    steep = np.abs(uv_area) > 1e-9 * (uv_edge**2).sum(axis=(1, 2))  # the map of a degenerate triangle has no derivative
     weight = np.where(steep, area / np.where(steep, uv_area**2, 1.0), 0.0)
     along_u = ((edge[:, 0] * uv_edge[:, 1, 1:] - edge[:, 1] * uv_edge[:, 0, 1:]) ** 2).sum(axis=1)
     along_v = ((edge[:, 1] * uv_edge[:, 0, :1] - edge[:, 0] * uv_edge[:, 1, :1]) ** 2).sum(axis=1)
@@ -171,7 +173,7 @@ def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: I
 
 
 def _project_flat_charts(position: Float64, normal: Float64, area: Float64, group: Int64) -> tuple[Bool, Float64]:
-    """Whether triangles are in flat charts, (n,), and all projected onto their charts' planes, which is exact for flat charts."""
+    """(n,) bool: whether triangles are in flat charts; and (n, 3, 2): all projected onto their charts' planes, exact for flat charts."""
     n_chart = group.max(initial=-1) + 1
     axis = sum_by(group, normal * area[:, None], n_chart)
     length = np.linalg.norm(axis, axis=1)
@@ -193,7 +195,7 @@ def project(position: Float64, axis: Float64) -> Float64:
 
 
 def _dot(one: Float64, other: Float64) -> Float64:
-    """Dot products summed term by term, so that they do not depend on the row, which einsum does not guarantee."""
+    """Dot products, summed term by term: unlike with einsum, the rounding does not depend on the position in the array."""
     x, y, z = (one[..., k] * other[..., k] for k in range(3))
     return np.asarray(x + y + z)
 
