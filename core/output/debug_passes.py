@@ -1,6 +1,6 @@
-"""Pages that show how a bake came about instead of its light: the leaves' edges, their level, their photons, and the charts.
+"""Debug passes: edges of leaves, their levels and photons, and charts.
 
-Each has numbers, for files that hold numbers, and a look, for pictures.
+Each has values, for files of numbers, and a look, for pictures.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from .image_file import srgb_to_linear
 # sRGB bytes at equal steps of viridis, from dark to bright. Source: S. van der Walt, N. Smith, matplotlib 1.5, CC0.
 _VIRIDIS = ((68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 144, 140), (39, 173, 129), (93, 200, 99), (170, 220, 50))
 _VIRIDIS_END = (253, 231, 37)
-_GOLDEN_RATIO = 0.6180339887498949  # hues that far apart stay distinct, however many there are
+_GOLDEN_RATIO = 0.6180339887498949  # step between successive hues: any number of them stay distinct
 _CHART_SATURATION, _CHART_VALUE = 0.5, 0.85
-_LINE_SHARE = 0.75  # of a line over the light beneath it
+_LINE_SHARE = 0.75  # opacity of a line over the light
 _LINE_ON_DARK, _LINE_ON_BRIGHT = 0.55, 0.01  # grey of a line, linear
 _BRIGHT = 0.18  # light above it is bright
 
@@ -38,9 +38,9 @@ class DebugPages:
         return node_of_texel(self._light.tree, self._light.leaves, len(self._texels))
 
     def page(self, name: str, page: int) -> NDArray[np.float32]:
-        """The numbers of a pass, alike in red, green and blue.
+        """The values of a pass, equal in red, green and blue.
 
-        leaf_edges: 1 where a leaf ends, else 0; level: halvings of the chart's root; photons: those that the leaf received; charts: number
+        leaf_edges: 1 where a leaf ends, else 0; level: halvings of the chart's root; photons: number that the leaf received; charts: index
         from 0.
         Raises ValueError for another pass.
         """
@@ -51,7 +51,7 @@ class DebugPages:
         return self._finish(value, covered)
 
     def look(self, name: str, page: int, combined: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
-        """The pass as a picture, linear Rec.709; edges are drawn over the page that `combined` gives, of that pass."""
+        """The pass as a picture, linear Rec.709; edges are drawn over the page of the pass combined, which `combined` returns."""
         entry = self._entries(page)
         covered, value = entry >= 0, self._values(name, entry)
         if name == "leaf_edges":
@@ -68,7 +68,7 @@ class DebugPages:
         return self._finish(np.where(covered[..., None], colour, np.float32(0)), covered)
 
     def _entries(self, page: int) -> NDArray[np.int64]:
-        """(h, w) the texel entry that is shown, -1 where there is none."""
+        """(h, w): the shown texel entries, -1 for none."""
         size = self._texels.page_size
         entry = np.flatnonzero(self._texels.shown & (self._texels.page_of(slice(None)) == page))
         at = np.full((size, size), -1, np.int64)
@@ -76,12 +76,12 @@ class DebugPages:
         return at
 
     def _values(self, name: str, entry: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(h, w); what stands where no chart is means nothing."""
+        """(h, w): values at entries; arbitrary where there is none."""
         if name == "charts":
             return np.asarray(self._texels.texel_chart[entry], np.float64)
         leaf = np.where(entry >= 0, self._leaf[entry], -1)
         if name == "leaf_edges":
-            edge = np.zeros(leaf.shape, bool)  # towards the left and below only: lines are one texel wide
+            edge = np.zeros(leaf.shape, bool)  # compared with the left and lower neighbours only, for lines of one texel
             edge[:, 1:] |= (leaf[:, 1:] != leaf[:, :-1]) & (leaf[:, :-1] >= 0)
             edge[1:] |= (leaf[1:] != leaf[:-1]) & (leaf[:-1] >= 0)
             return np.asarray(edge, np.float64)
@@ -96,7 +96,7 @@ class DebugPages:
         return np.asarray(self._texels.chart_log2[tree.chart] - np.log2(tree.side), np.float64)
 
     def _greatest(self, name: str) -> np.float64:
-        """Over all pages, so that a colour means the same on each."""
+        """Greatest value on all pages, so that a colour means the same on each."""
         return np.float64(self._per_node(name)[self._light.leaves].max(initial=0.0))
 
     def _finish(self, colour: NDArray[np.float32], covered: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -107,7 +107,7 @@ class DebugPages:
 
 
 def _map_colours(fraction: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Linear colours (h, w, 3) of numbers (h, w) in [0, 1], dark to bright."""
+    """Linear colours (h, w, 3) for numbers (h, w) in [0, 1], from dark to bright."""
     stops = np.array([*_VIRIDIS, _VIRIDIS_END]) / 255.0
     place = np.linspace(0.0, 1.0, len(stops))
     encoded = np.stack([np.interp(fraction, place, stops[:, channel]) for channel in range(3)], -1)

@@ -1,4 +1,4 @@
-"""Image files: EXR, HDR, PNG and PNG with encoded light, by OpenImageIO, which every Blender brings. The only place that imports it."""
+"""Image files: EXR, HDR, PNG and PNG with encoded light, by OpenImageIO, which every Blender has. The only module that imports it."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from numpy.typing import NDArray
 from ..util import encodings
 from ..util.arrays import FloatArray
 
-HALF_MAX = 65504.0  # the greatest half float; beyond it is infinity
+HALF_MAX = 65504.0  # the greatest half float
 _FLOAT_MAX = float(np.finfo(np.float32).max)
-_INT_MAX = 2**31 - 1  # of an image file's integer attributes
-# Rec.709's red, green, blue and white x, y: what the numbers mean for readers that know no names of colour spaces.
+_INT_MAX = 2**31 - 1  # greatest integer attribute of an image file
+# x, y of Rec.709's red, green, blue and white, for readers that do not know names of colour spaces.
 _REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 _PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
-_EXR_BLOCK_ROWS = 16  # of its compression "zip"
-_EXR_MOST_HEADER = 1 << 16  # bytes, far more than ours
+_EXR_BLOCK_ROWS = 16  # rows per block with the compression "zip"
+_EXR_MOST_HEADER = 1 << 16  # bytes, far more than our headers have
 _INCOMPLETE = "the file could not be completed"
 KINDS = ("exr", "hdr", "png", *encodings.ENCODINGS)
 _ENCODING, _RANGE = "leaflight:encoding", "leaflight:range"
 _BAND_NUMBERS = 1 << 19
-_EPOCH = "1970:01:01 00:00:00"  # OpenImageIO would put the time of writing into the file; the same bake gives the same bytes
+_EPOCH = "1970:01:01 00:00:00"  # instead of the time of writing, so that the same bake gives the same bytes
 
 
 def suffix_of(kind: str) -> str:
-    """What a file of this kind ends in: .exr, .rgbm.png."""
+    """Suffix of a file of this kind, such as .exr or .rgbm.png."""
     return f".{kind}.png" if kind in encodings.ENCODINGS else f".{kind}"
 
 
 def range_of(pixels: FloatArray, kind: str, wanted: float) -> float:
-    """The greatest value that a file of this kind holds.
+    """The greatest value that a file of this kind can hold.
 
-    wanted   of RGBM and RGBD; 0 for the page's own
+    wanted   range of RGBM and RGBD; 0 for the page's maximum
     """
     if kind in ("rgbm", "rgbd"):
         return wanted or encodings.find_range(np.minimum(pixels[..., :3].max(axis=(0, 1)), HALF_MAX))
@@ -51,14 +51,14 @@ def write_image(
 ) -> None:
     """Write linear Rec.709 pixels: half float in EXR, shared exponent in HDR, 8 bit sRGB in PNG, or encoded (see encodings).
 
-    The file appears under its name only when it is complete. Values out of the format's range are clipped to it. HDR has
-    neither alpha nor metadata, encoded files have no alpha; they carry encoding and range in their metadata.
+    The file appears under its name only when it is complete. Values outside the format's range are clipped to it. HDR has neither alpha nor
+    metadata; encoded files have no alpha, and their metadata contain encoding and range.
 
     pixels         (h, w, 3) or (h, w, 4) float, row 0 at the bottom
     kind           one of KINDS
     wanted_range   see range_of
-    full           EXR of 32 bits a number
-    Raises ValueError for another kind or shape and for NaN, OSError when the file cannot be written; both name the path.
+    full           whether EXR has 32 bits per number
+    Raises ValueError for another kind or shape and for NaN, OSError if the file cannot be written; both name the path.
     """
     fault = _find_fault(pixels, kind)
     if fault:
@@ -80,10 +80,10 @@ def write_image(
 
 
 def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
-    """Linear pixels and metadata of an EXR, HDR or PNG file; what write_image encoded is decoded.
+    """Linear pixels and metadata of an EXR, HDR or PNG file; encoded files of write_image are decoded.
 
     out   (h, w, c) float32, row 0 at the bottom; name -> value
-    Raises OSError naming the path when it cannot be read.
+    Raises OSError with the path if it cannot be read.
     """
     oiio = _open_image_io()
     straight = oiio.ImageSpec()
@@ -107,7 +107,7 @@ def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
 
 
 def read_bytes(path: str) -> NDArray[np.uint8] | None:
-    """The bytes of an image file as they are stored, alpha not multiplied in; None of one that cannot be read or has no 8 bit channels.
+    """The bytes of an image file as stored, with straight alpha; None if it cannot be read or does not have 8 bit channels.
 
     out   (h, w, c) uint8 with 1, 3 or 4 channels, row 0 at the bottom
     """
@@ -127,9 +127,7 @@ def read_bytes(path: str) -> NDArray[np.uint8] | None:
 
 
 def load_ahead(folders: Sequence[str] = ()) -> None:
-    """Load OpenImageIO ahead of the first image, from these folders where Python finds it nowhere else; a failure is reported with the
-    first image.
-    """
+    """Load OpenImageIO before the first image. Python also searches the folders given here, last; the first image reports a failure."""
     before = list(sys.path)
     sys.path.extend(folders)
     try:
@@ -163,19 +161,19 @@ def _find_fault(pixels: FloatArray, kind: str) -> str:
         return f"expected kind {', '.join(KINDS)}, got {kind!r}"
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         return f"expected pixels (h, w, 3) or (h, w, 4), got {pixels.shape}"
-    if np.isnan(pixels.min()):  # one NaN is enough to make it one
+    if np.isnan(pixels.min()):  # a single NaN makes the minimum NaN
         return f"expected numbers, got {sum(int(np.count_nonzero(np.isnan(pixels[band]))) for band in _bands(pixels))} NaN"
     return ""
 
 
 def _bands(pixels: FloatArray) -> list[slice]:
-    """Some rows at a time: what is made of them on the way to a file stays small beside the page."""
+    """Bands of rows, so that temporary arrays are small compared with the page."""
     step = max(1, _BAND_NUMBERS // (pixels.shape[1] * pixels.shape[2]))
     return [slice(start, start + step) for start in range(0, len(pixels), step)]
 
 
 def _encode_rows(rows: FloatArray, kind: str, greatest: float, full: bool) -> NDArray[np.generic]:
-    """Rows in the file's own numbers, of EXR before they are half floats; greatest of range_of."""
+    """Rows in the file's number format (float32 for EXR); `greatest` is from range_of."""
     if kind in encodings.ENCODINGS:
         return encodings.encode(rows[..., :3], kind, greatest)
     if kind == "exr":
@@ -190,7 +188,7 @@ def _encode_rows(rows: FloatArray, kind: str, greatest: float, full: bool) -> ND
 
 
 def _write_file(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int | float], kind: str, greatest: float, full: bool) -> str:
-    """Write the file, rows from the top, and give what went wrong, "" if nothing."""
+    """Write the file, rows from the top; returns the reason of a failure, or ""."""
     oiio = _open_image_io()
     height, width, _ = pixels.shape
     example = _encode_rows(pixels[:1], kind, greatest, full)
@@ -199,7 +197,7 @@ def _write_file(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int
     for name, value in metadata.items():
         fits = isinstance(value, float | str) or abs(value) <= _INT_MAX
         spec.attribute(name, value if fits else str(value))
-    spec.attribute("oiio:UnassociatedAlpha", 1)  # PNG: the colour of a margin is not divided by its alpha of zero
+    spec.attribute("oiio:UnassociatedAlpha", 1)  # PNG: a margin's colour is not divided by its alpha, which is 0
     spec.attribute("oiio:ColorSpace", {"exr": "lin_rec709", "hdr": "lin_rec709", "png": "sRGB"}.get(kind, "raw"))
     if kind == "exr":
         spec.attribute("compression", "zip")
@@ -219,7 +217,7 @@ def _write_file(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int
 
 
 def _is_complete(path: Path, kind: str, height: int) -> bool:
-    """Whether a new file of so many rows has its end: of a disk that fills up with its last buffer OpenImageIO says nothing."""
+    """Whether a new file of `height` rows is complete: OpenImageIO reports no error if the disk is full when it writes its last buffer."""
     if kind == "exr":
         return is_complete_exr(path, height)
     if kind != "hdr":
@@ -236,9 +234,9 @@ def _is_complete(path: Path, kind: str, height: int) -> bool:
 
 
 def is_complete_exr(path: Path, height: int) -> bool:
-    """Whether the last block of rows ends where the file does; OpenImageIO's reader would first set up all of its colour spaces.
+    """Whether the last block of rows ends at the end of the file. OpenImageIO's reader would first set up all of its colour spaces.
 
-    Source: "OpenEXR File Layout", openexr.com: after the header, of attributes that end with an empty name, stand the places of all blocks,
+    Source: "OpenEXR File Layout", openexr.com: after the header, whose attributes end with an empty name, come the offsets of all blocks,
     which are written last; a block begins with its first row and its size.
     """
     size, blocks = path.stat().st_size, -(-height // _EXR_BLOCK_ROWS)
@@ -246,7 +244,7 @@ def is_complete_exr(path: Path, height: int) -> bool:
         head = file.read(_EXR_MOST_HEADER + 8 * blocks)
         at = 8
         while head[at : at + 1] not in (b"", b"\0"):
-            value = head.find(b"\0", head.find(b"\0", at) + 1) + 1  # behind name and type, which end with it
+            value = head.find(b"\0", head.find(b"\0", at) + 1) + 1  # after name and type, which end with a zero byte
             at = value + 4 + int.from_bytes(head[value : value + 4], "little")
         last = int.from_bytes(head[at + 1 + 8 * (blocks - 1) : at + 1 + 8 * blocks], "little")
         file.seek(last)

@@ -1,4 +1,4 @@
-"""Disk space for images: a warning before the bake where it is short, and another folder where writing fails at the end."""
+"""Disk space for images: a warning before the bake if it is short, and another folder if writing fails at the end."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..util.settings import DEBUG_PASSES
 from .pages import PageFile
 
 SPARE_PREFIX = "leaflight_images_"
-_LEAST_PART = 0.1  # of the room that numbers take as they are: no compression makes less of light
-_BYTES = {"exr": 8}  # a texel; of others 4
-_BYTES_FULL = 16  # of debug passes in EXR
+_LEAST_PART = 0.1  # of the uncompressed size; no compression of light reaches this
+_BYTES = {"exr": 8}  # per texel; 4 for others
+_BYTES_FULL = 16  # per texel, for debug passes in EXR
 
 
 def count_bytes(job: Job, page_count: int, page_size: int) -> int:
-    """What the images take where nothing compresses them."""
+    """Size of the images without compression."""
     settings = job.settings
     per_texel = sum(
         _BYTES_FULL if kind == "exr" and name in DEBUG_PASSES else _BYTES.get(kind, 4)
@@ -31,15 +31,15 @@ def count_bytes(job: Job, page_count: int, page_size: int) -> int:
 
 
 def find_lack(job: Job, atlas: ChartAtlas, names: list[str]) -> str:
-    """A sentence where the images of a bake may find too little room in the output folder, "" where there is enough.
+    """A sentence if the output folder may have too little room for the images, else "".
 
-    names   of the files; those that are there already make room
-    Raises OSError with a sentence where they can find none.
+    names   names of the files; existing ones are overwritten, which frees their room
+    Raises OSError with a sentence if there certainly is too little room.
     """
     folder = Path(job.output)
     try:
         free = shutil.disk_usage(folder).free + sum(file.stat().st_size for name in names if (file := folder / name).is_file())
-    except OSError:  # a file system that does not say
+    except OSError:  # the file system does not report it
         return ""
     wanted = count_bytes(job, atlas.page_count, atlas.page_size)
     found = f"{folder}: has room for {_describe_bytes(free)}, and the images may take {_describe_bytes(wanted)}"
@@ -49,15 +49,16 @@ def find_lack(job: Job, atlas: ChartAtlas, names: list[str]) -> str:
 
 
 def write_somewhere(job: Job, temporary: Path, write: Callable[[Job], list[PageFile]]) -> tuple[list[PageFile], str, str]:
-    """The files that `write` made in the output folder, or in a spare one where it cannot: with that folder and a sentence, else "".
+    """Write images into the output folder, or into a spare folder if that fails. Returns the files, the spare folder and a sentence about
+    it, or "" for these.
 
-    temporary   folder in which a spare one is made; the home folder is the next
-    write       gives the files of a job with another output folder too
-    Raises OSError where they can be written nowhere.
+    temporary   folder in which a spare one is made; if that fails too, the home folder
+    write       writes the files of a job and returns them
+    Raises OSError if they cannot be written anywhere.
     """
     folder = Path(job.output)
     try:
-        folder.mkdir(parents=True, exist_ok=True)  # it may have been deleted meanwhile
+        folder.mkdir(parents=True, exist_ok=True)  # the folder may have been deleted meanwhile
         return write(job), "", ""
     except OSError as failed:
         for place in (temporary, Path.home()):

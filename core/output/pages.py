@@ -1,4 +1,4 @@
-"""Pages to image files: every pass in every requested file format, and their entries in the report."""
+"""Writes pages as image files: every pass in every requested format, and their entries in the report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..util.settings import DEBUG_PASSES, PASSES, Settings
 from . import image_file
 
 _FLOAT_MAX = float(np.finfo(np.float32).max)
-_MOST_PAGES = 1000  # among which names that are taken are looked for
+_MOST_PAGES = 1000  # page numbers that are compared with taken names
 _ENCODING = {"exr": "linear, half float", "hdr": "linear, shared exponent", "png": "sRGB"}
 
 Page = NDArray[np.float32]
@@ -28,10 +28,10 @@ class PageFile:
     """One image file: a page of a pass.
 
     objects    indices into the snapshot's objects
-    encoding   how its numbers stand for light
+    encoding   how its numbers encode light
     range      the greatest value that the file can hold
-    maximum    the greatest value of the page, which may be beyond it
-    linear     EXR that Blender is to make the file from, by the scene's view transform; "" where the file is there
+    maximum    the greatest value of the page, which may exceed the range
+    linear     EXR from which Blender makes the file by the scene's view transform; "" if the file is written already
     """
 
     path: str
@@ -53,10 +53,10 @@ def write_pages(
     metadata: dict[str, str | int | float],
     draw: Callable[[str, int, bool], Page],
 ) -> list[PageFile]:
-    """Write all files of a bake; when one fails, none of them is left.
+    """Write all files of a bake; if one fails, all are removed.
 
-    folder   of the job, for what Blender is to finish
-    draw     gives the page of a pass, and, where the third argument is true, its look
+    folder   folder of the job, for files that Blender is to finish
+    draw     returns a page, given pass, page number, and whether the look of a debug pass is wanted
     """
     settings = job.settings
     files: list[PageFile] = []
@@ -71,20 +71,20 @@ def write_pages(
                 encoding, greatest, linear = _write_file(settings, folder, path, name, kind, shown, metadata)
                 files.append(PageFile(str(path), name, kind, page, owners, encoding, greatest, maximum, linear))
     except (OSError, ValueError):
-        for file in files:  # half a bake looks like a whole one
+        for file in files:  # half of the images could be taken for a whole bake
             Path(file.path).unlink(missing_ok=True)
         raise
     return files
 
 
 def list_names(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[str]:
-    """What the files of a bake will be called."""
+    """Names of all files of a bake."""
     stems = _list_stems(job, snapshot, atlas)
     return [f"{stem}{image_file.suffix_of(kind)}" for _, _, stem in stems for kind in job.settings.formats]
 
 
 def _list_stems(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[tuple[int, str, str]]:
-    """Page, pass and name without its ending of every image."""
+    """Page, pass, and name without suffix of every image."""
     first, taken = find_first_page(job, atlas.page_count), _list_taken(job)
     names = name_pages(job, snapshot, atlas, first)
     images = [(page, name) for page in range(atlas.page_count) for name in job.settings.passes]
@@ -95,14 +95,14 @@ def _list_stems(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas) -> list[tu
 def _write_file(
     settings: Settings, folder: Path, path: Path, name: str, kind: str, pixels: Page, metadata: dict[str, str | int | float]
 ) -> tuple[str, float, str]:
-    """Write one file and give PageFile's encoding, range and linear."""
+    """Write one file; returns PageFile's encoding, range and linear."""
     debug = name in DEBUG_PASSES
     if kind == "png" and settings.view_transform == "scene" and not debug:
         linear = folder / VIEWS_FOLDER / f"{path.stem}.exr"
         linear.parent.mkdir(exist_ok=True)
         image_file.write_image(linear, pixels, {}, "exr")
         return "the scene's view transform", 1.0, str(linear)
-    full = debug and kind == "exr"  # counts go beyond half floats
+    full = debug and kind == "exr"  # counts may exceed half floats
     image_file.write_image(path, pixels, {"leaflight:pass": name, **metadata}, kind, settings.value_range, full)
     if full:
         return "linear, float", _FLOAT_MAX, ""
@@ -111,13 +111,13 @@ def _write_file(
 
 
 def _find_maximum(pixels: Page) -> float:
-    # Channels side by side by columns first: three of four by themselves would be taken number by number.
+    # Whole texels are reduced first: numpy is slow on three of four channels.
     by_column: Page = pixels.max(axis=0, initial=0.0)
     return float(by_column[:, :3].max(initial=0.0))
 
 
 def find_first_page(job: Job, page_count: int) -> int:
-    """Number of the bake's first shared page: none of its pages, of any pass, is then called like an image that is taken."""
+    """Number of the bake's first shared page, so that none of its pages, in any pass, has the name of a taken image."""
     taken = set(_list_taken(job))
 
     def is_taken(page: int) -> bool:
@@ -130,12 +130,12 @@ def find_first_page(job: Job, page_count: int) -> int:
 
 
 def _list_taken(job: Job) -> list[str]:
-    """Names of the taken images without their endings."""
+    """Names of the taken images without suffixes."""
     return [Path(name).stem for name in job.taken]
 
 
 def name_pages(job: Job, snapshot: SceneSnapshot, atlas: ChartAtlas, first: int = 0) -> list[str]:
-    """One name for each page, unique also where objects' names differ only by characters that files cannot have."""
+    """One name for each page, unique even if objects' names differ only in characters that file names cannot have."""
     names: list[str] = []
     for page in range(atlas.page_count):
         owners = np.flatnonzero(atlas.object_page == page)

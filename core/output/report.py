@@ -20,7 +20,7 @@ def list_objects(
     """Report on each object that receives light.
 
     entry_object   (n,) int32: the object of each texel entry
-    error          relative, by object index, of LightField.object_error
+    error          LightField.object_error
     """
     texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
     chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
@@ -57,7 +57,7 @@ def describe_light(light: LightField) -> dict[str, Any]:
 
 
 def measure_memory_mb() -> dict[str, float]:
-    """Peak resident memory of this process and of its largest worker, MB; empty where the system does not provide it."""
+    """Peak resident memory of this process and of its largest worker, MB; empty if the system does not provide it."""
     if sys.platform == "win32":
         return {}
     import resource  # not on Windows

@@ -1,7 +1,7 @@
-"""Light at texels to pages: seams closed, times the surface, laid out as images with a margin.
+"""Pages from the light at texels: seams are closed, light is multiplied by the surface, and images get a margin.
 
-Pages are (height, width, 4) float32, row 0 at the bottom; alpha is 1 where a chart covers the texel, else 0 (the margin's
-colour has alpha 0 too). Passes and their units: docs/units.md.
+Pages are (height, width, 4) float32, row 0 at the bottom; alpha is 1 where a chart covers the texel, else 0, also in the margin. Passes and
+their units: docs/units.md.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from ..util.coverage import as_slice
 from ..util.threads import run_on_threads
 
 _LIGHT_PASSES = ("lighting", "direct", "indirect", "diffuse", "combined")
-_ALBEDO_POINTS = 4  # a texel's albedo is a mean over so many points, for textures finer than the lightmap
+_ALBEDO_POINTS = 4  # points over which a texel's albedo is averaged, for textures finer than the lightmap
 
 
 def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tuple[TexelLight, seams.SeamReport]:
-    """The light with its steps across seams closed; stderr is that before."""
+    """The light with steps across seams closed; `stderr` stays as before."""
     if not points.place.size or light.stderr is None:
         return light, seams.SeamReport(0, 0, 0.0, 0.0)
     parts = light.direct, light.indirect
@@ -39,7 +39,7 @@ def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tupl
 def _shade(
     name: str, direct: NDArray[np.float32], indirect: NDArray[np.float32], surface: Callable[[bool], NDArray[np.float32]]
 ) -> NDArray[np.float32]:
-    """(n, 3) float32: a pass of light, from irradiance (n, 3), and a function for albedo, or emission where its argument is true."""
+    """(n, 3) float32: a pass of light, from irradiance (n, 3) and a function that returns albedo, or emission if its argument is true."""
     total = {"direct": direct, "indirect": indirect}.get(name)
     lighting: NDArray[np.float32] = (direct + indirect if total is None else total) / np.float32(np.pi)
     if name in ("diffuse", "combined"):
@@ -60,7 +60,7 @@ class Resolver:
         image = np.zeros((size, size, 4), np.float32)
         texel = image.reshape(-1, 4)
 
-        def fill(part: slice) -> None:  # in the order in which the light lies, several times faster than in rows of the page
+        def fill(part: slice) -> None:  # in the order of texel entries, which is several times faster than by rows of the page
             entry = part.start + np.flatnonzero((self._texels.page_of(part) == page) & self._texels.shown[part])
             x, y = self._texels.texel_xy[as_slice(entry)].T
             value = np.ones((len(entry), 4), np.float32)
@@ -86,7 +86,7 @@ class Resolver:
         raise ValueError(f"pass: {name!r} is not known")
 
     def _beside_charts(self, name: str, page: int, empty: seams.EmptyTexels) -> tuple[IntArray, IntArray, NDArray[np.float32]]:
-        """Columns and rows (m,) of texels of a page that no chart covers, and their values (m, 3)."""
+        """Columns and rows (m,) of a page's empty texels beside seams, and their values (m, 3)."""
         rows = np.flatnonzero(empty.page == page)
         tri, (u, v) = empty.tri[rows], empty.weight[rows].T
         look_up = {True: self._surfaces.emission_at, False: self._surfaces.albedo_at}
