@@ -1,5 +1,5 @@
-"""Where work runs: in this process, in others of this machine, or on a cluster.
+"""Executors that run work in this process, in other processes of this machine, or on a cluster.
 
-In: a function and its shards, which name the folders they read. Out: their results, in the order of the shards, whatever ran them.
-Packages above register nothing here but the folders that a process keeps open.
+In: a function and its shards, which name the folders they read. Out: their results, in the order of the shards, wherever they ran.
+Later packages register here only the folders that a process keeps open.
 """

@@ -1,7 +1,7 @@
-"""Shards on the workers of a dask.distributed cluster; the only module that knows dask.
+"""Runs shards on the workers of a dask.distributed cluster; the only module that imports dask.
 
-A worker reads what a shard names from this machine's own folder where it sees that folder with the same contents, and else from
-a copy that is sent to it. A worker that comes late, or again, is sent what it lacks when it says so.
+A worker reads the folders of a shard from this machine's own folder if it sees that with the same contents, else from a copy that is sent
+to it. A worker that joins late, or again, reports what it lacks and is sent that.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from distributed.comm import CommClosedError, get_address_host_port, resolve_add
 from ..util.digest import hash_code, hash_file, hash_pieces
 from . import folders
 
-STAMP_FILE = "content.txt"  # digest of a folder's files, in the folder itself
+STAMP_FILE = "content.txt"  # digest of a folder's files, within the folder
 CONNECT_S, NO_WORKER_S, ASK_AGAIN_S = 10.0, 60.0, 10.0
 _MOST_CALLS = 256  # in flight
-_PIECE_BYTES = 1 << 26  # of a message
-_KEPT_COPIES = 8  # folders that a worker keeps: those of a few bakes at a time
-_TRIES = 20  # of one call, each on a worker that turns out to lack its folders
+_PIECE_BYTES = 1 << 26  # size of a message
+_KEPT_COPIES = 8  # folders that a worker keeps, enough for a few bakes at a time
+_TRIES = 20  # of one call, if each time its worker lacks the folders
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class FolderCopy:
 
 @dataclass(frozen=True)
 class Missing:
-    """A worker's answer where it lacks the folders of a shard."""
+    """A worker's answer if it lacks the folders of a shard."""
 
     worker: str
     copies: tuple[FolderCopy, ...]
@@ -51,10 +51,10 @@ class Missing:
 def connect(address: str) -> ClusterExecutor:
     """An executor on the cluster whose scheduler is at `address`; close it with shutdown().
 
-    Raises OSError with a sentence when it cannot be reached or has no worker; ValueError when a worker has another Leaflight.
+    Raises OSError with a sentence if it cannot be reached or has no worker; ValueError if a worker has another Leaflight.
     """
     try:
-        get_address_host_port(address)  # a client takes half a minute to report these two
+        get_address_host_port(address)  # a client would take half a minute to report the errors of these two
         resolve_address(address)
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as reason:
@@ -76,7 +76,7 @@ def connect(address: str) -> ClusterExecutor:
 
 
 class ClusterExecutor(Executor):
-    """Calls of one shard each on the workers of a cluster; lost workers cost time only."""
+    """Runs calls, of one shard each, on the workers of a cluster; lost workers cost time only."""
 
     def __init__(self, client: Client, address: str) -> None:
         self._client, self._address = client, address
@@ -85,7 +85,7 @@ class ClusterExecutor(Executor):
         self._sending = threading.Lock()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run `fn` of one shard (see workers) on some worker."""
+        """Run `fn` with one shard (see folders) on some worker."""
         shard: Any = args[0]
         return self._threads.submit(self._call, fn, shard, {name: self._copy(name, getattr(shard, name)) for name in _folder_fields(shard)})
 
@@ -106,7 +106,7 @@ class ClusterExecutor(Executor):
             return self._copies[field]
 
     def _send(self, copy: FolderCopy, parts: tuple[str, ...], to: list[str]) -> None:
-        """Failed transfers are requested again."""
+        """Send a copy to workers; those whose transfer fails request it again."""
         if to:
             for pieces in read_pieces(Path(copy.folder), parts):
                 self._client.run(write_pieces, copy, pieces, workers=to, on_error="ignore")
@@ -118,14 +118,14 @@ class ClusterExecutor(Executor):
                 result = self._wait(self._client.submit(run_shard, fn, shard, copies, describe_code(), pure=False))
                 if not isinstance(result, Missing):
                     return result
-                with self._sending:  # one of several calls that miss the same
+                with self._sending:  # several calls may miss the same copy; the first sends it
                     for field, copy in copies.items():
                         if copy in result.copies and not self._has(result.worker, copy):
                             self._send(copy, folders.FOLDER_PARTS[field], [result.worker])
         raise OSError(f"--cluster {self._address}: its workers cannot keep what they are sent; make room on their disks.")
 
     def _has(self, worker: str, copy: FolderCopy) -> bool:
-        """Whether a worker has a copy, or is gone and needs none."""
+        """Whether a worker has a copy, or is gone."""
         answer = self._client.run(has_copy, copy, workers=[worker], on_error="ignore")
         return bool(answer.get(worker, True))
 
@@ -141,7 +141,7 @@ class ClusterExecutor(Executor):
 
     @contextmanager
     def _sentences(self) -> Iterator[None]:
-        """Turn a cluster's own errors into sentences."""
+        """Turn errors of dask into sentences."""
         try:
             yield
         except KilledWorker as reason:
@@ -156,9 +156,9 @@ class ClusterExecutor(Executor):
 
 
 def stamp_folder(folder: Path, parts: tuple[str, ...]) -> str:
-    """Digest of the files of a folder, which it also writes there.
+    """Digest of the files of a folder, which is also written there.
 
-    What was filled through memory comes to a drive that machines share when the system finds time; whoever sees the digest must see it.
+    Files are synchronised first: mapped files reach a shared drive late, but a machine that sees the digest must see their contents.
     """
     for path in _list_files(folder, parts):
         with open(path, "r+b") as file:
@@ -175,7 +175,7 @@ def _list_files(folder: Path, parts: tuple[str, ...]) -> list[Path]:
 
 
 def read_pieces(folder: Path, parts: tuple[str, ...]) -> Iterator[list[tuple[str, bytes]]]:
-    """The files' names and bytes, in messages of bounded size; a long file comes in several pieces, in order."""
+    """The files' names and bytes, in messages of bounded size; a long file is sent in several pieces, in order."""
     message: list[tuple[str, bytes]] = []
     room = _PIECE_BYTES
     for path in _list_files(folder, parts):
@@ -192,7 +192,7 @@ def read_pieces(folder: Path, parts: tuple[str, ...]) -> Iterator[list[tuple[str
 
 
 def describe_stranger(worker: str, found: object) -> str:
-    """A sentence about a worker whose describe_code() differs from ours or cannot be read."""
+    """A sentence about a worker whose describe_code() differs from ours or cannot be called."""
     return (
         f"--cluster: the worker {worker} cannot work for this bake: it has {found}, and here is {describe_code()}; "
         "install the same Leaflight with the extra `cluster`, the same numpy and the same embreex there."
@@ -203,11 +203,11 @@ def _folder_fields(shard: Any) -> list[str]:
     return [name for name in folders.FOLDER_PARTS if getattr(shard, name, "")]
 
 
-# All below runs on the workers.
+# The functions below run on the workers.
 
 
 def describe_code() -> dict[str, str]:
-    """Versions that must be equal for the same bytes."""
+    """Versions that must be equal so that results are the same to the byte."""
     return {"leaflight": hash_code(), "numpy": version("numpy"), "embreex": version("embreex")}
 
 
@@ -217,7 +217,7 @@ def has_copy(copy: FolderCopy, dask_worker: Worker) -> bool:
 
 
 def write_pieces(copy: FolderCopy, pieces: list[tuple[str, bytes]], dask_worker: Worker) -> None:
-    """Add to the copy that is being sent."""
+    """Append pieces to the copy that is being sent."""
     part = _part(copy, dask_worker)
     for name, data in pieces:
         path = part / name
@@ -227,19 +227,19 @@ def write_pieces(copy: FolderCopy, pieces: list[tuple[str, bytes]], dask_worker:
 
 
 def finish_copy(copy: FolderCopy, dask_worker: Worker) -> None:
-    """Complete the copy; the oldest of many is removed."""
+    """Complete the copy, and remove the oldest if there are many."""
     place, part = _place(copy, dask_worker), _part(copy, dask_worker)
-    if place.exists() or stamp_folder(part, ()) != copy.content:  # sent twice, or incomplete: then it is requested again
+    if place.exists() or stamp_folder(part, ()) != copy.content:  # sent twice; or incomplete, then it is requested again
         shutil.rmtree(part)
         return
     part.rename(place)
     copies = sorted((path for path in place.parent.iterdir() if not path.suffix), key=lambda path: path.stat().st_mtime)
     for old in copies[:-_KEPT_COPIES]:
-        shutil.rmtree(old, ignore_errors=True)  # may still be mapped, where the system minds that
+        shutil.rmtree(old, ignore_errors=True)  # files may still be mapped, which some systems do not allow
 
 
 def run_shard(fn: Callable[..., Any], shard: Any, copies: dict[str, FolderCopy], code: dict[str, str]) -> Any:
-    """Run `fn` of a shard whose folders are on this worker; returns Missing where they are not."""
+    """Run `fn` with a shard; returns Missing if this worker lacks its folders."""
     worker = get_worker()
     if describe_code() != code:
         raise ValueError(describe_stranger(worker.address, describe_code()))
@@ -250,7 +250,7 @@ def run_shard(fn: Callable[..., Any], shard: Any, copies: dict[str, FolderCopy],
     for field, copy in copies.items():
         _OPENED[field](copy)
         if found[field] == _place(copy, worker):
-            os.utime(_place(copy, worker))  # the oldest goes
+            os.utime(_place(copy, worker))  # the copy that was unused for longest is removed
     return fn(replace(shard, **{field: str(path) for field, path in found.items()}) if found else shard)
 
 
@@ -269,13 +269,13 @@ def _place(copy: FolderCopy, worker: Worker) -> Path:
 
 
 def _part(copy: FolderCopy, worker: Worker) -> Path:
-    """Folder of an incomplete copy, separate for each sender."""
+    """Folder of an incomplete copy, a separate one for each sender."""
     return _place(copy, worker).with_suffix(f".{hash_pieces([copy.folder.encode()])}")
 
 
 @lru_cache(maxsize=1)
 def _turn_to_tracing(copy: FolderCopy) -> None:
-    folders.forget_folders()  # of another bake, whose folder may have had the same name
+    folders.forget_folders()  # another bake's folder may have had the same name
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Executors of shards: this process, processes of this machine with it, or a cluster."""
+"""Executors of shards: in this process alone, in several processes of this machine, or on a cluster."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from . import worker_process
 
 T = TypeVar("T")
 
-_MOST_PER_CORE = 4  # greatest number of processes for each core: more slow each other down, and a thousand of them stop the machine
-_MOST_ON_WINDOWS = 61  # processes of a pool there, which waits for all of them at once. Source: WaitForMultipleObjects, less two for itself
+_MOST_PER_CORE = 4  # greatest number of processes per core: more slow each other down, and a thousand would stop the machine
+_MOST_ON_WINDOWS = 61  # processes of a pool, which waits for all at once. Source: WaitForMultipleObjects, less two handles of its own
 
 
 class BusyTime:
-    """Seconds that the processes of this machine have spent in calls, by the name of the function."""
+    """Seconds that the processes of this machine spent in calls, by function name."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -34,7 +34,7 @@ class BusyTime:
         self.lent_cpu_s = 0.0  # CPU seconds of calls in other processes than this one
 
     def add(self, run: Callable[[], Any], seconds: float, lent_cpu_s: float = 0.0) -> None:
-        """Add a call `run` and its seconds; CPU seconds where another process ran it."""
+        """Add the seconds of a call `run`, and its CPU seconds if another process ran it."""
         name = getattr(run.func if isinstance(run, partial) else run, "__name__", "other")
         with self._lock:
             self._seconds[name] = self._seconds.get(name, 0.0) + seconds
@@ -66,7 +66,7 @@ class InlineExecutor(Executor):
         return future
 
     def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
-        """Run each call when its result is read, so that a reader that stops ends the work, and sees progress meanwhile."""
+        """Run each call when its result is read, so that the reader sees progress, and work ends when it stops reading."""
         return (self.submit(fn, *arguments).result() for arguments in zip(*iterables, strict=False))
 
 
@@ -75,9 +75,9 @@ def _load_nothing() -> None:
 
 
 def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
-    """The executor that the settings ask for, of processes that call `load_ahead` first; close it with shutdown().
+    """The executor that the settings select, whose processes first call `load_ahead`; close it with shutdown().
 
-    Raises ValueError or OSError with a sentence when a cluster is asked for and cannot be used.
+    Raises ValueError or OSError with a sentence if a cluster is selected and cannot be used.
     """
     if not settings.cluster:
         return make_executor(settings.workers, load_ahead=load_ahead)
@@ -92,9 +92,10 @@ def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_not
 
 
 class Ahead:
-    """Processes started before the settings are known, as copies of this one while it has no threads. Always close them, however the bake
-    ends: a pool that is dropped just as one of its processes dies may wait for itself for ever (CPython 3.13.0,
-    _ExecutorManagerThread.terminate_broken).
+    """Processes that start before the settings are known; if this process has no threads yet, they are forked from it.
+
+    Always close them, however the bake ends: a pool that is garbage collected just as one of its processes dies may deadlock (CPython
+    3.13.0, _ExecutorManagerThread.terminate_broken).
     """
 
     def __init__(self, load_ahead: Callable[[], None] = _load_nothing) -> None:
@@ -105,11 +106,11 @@ class Ahead:
             self.wake()
 
     def wake(self) -> None:
-        """Start those that are no copies, and so have all modules to load."""
+        """Start processes that are not forked, and so have to load all modules."""
         wake(self._executor)
 
     def open(self, settings: Settings) -> Executor:
-        """The executor for the settings, made of these processes where possible."""
+        """The executor for the settings, which uses these processes if possible."""
         if not settings.cluster and count_processors(settings.workers) == count_processors(0):
             return self._executor
         self.close()
@@ -126,55 +127,56 @@ def count_processors(workers: int) -> int:
 
 
 def make_executor(workers: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
-    """An executor of `workers` processes of this machine, this one among them, 0 for one per core; close it with shutdown(). The others may
-    be copies of this one, if it has no threads until they are awake.
+    """An executor of `workers` processes of this machine, including this one, 0 for one per core; close it with shutdown().
+
+    copied   whether the others are forked from this process, which must then have no threads until they are awake
     """
     count = count_processors(workers)
     return InlineExecutor() if count == 1 else LocalExecutor(count, copied, load_ahead)
 
 
 def count_idle(executor: Executor) -> int:
-    """How many processes of this machine would begin at once what is spread, this one among them; 1 while another has something to do."""
+    """Number of processes of this machine, including this one, that would begin new calls at once; 1 if any other is busy."""
     if not isinstance(executor, LocalExecutor) or executor._given or executor._waiting:
         return 1
     return executor._ready + 1
 
 
 def read_busy_seconds(executor: Executor) -> dict[str, float]:
-    """Busy seconds by function name, summed over all processes of this machine; none of a cluster."""
+    """Busy seconds by function name, summed over all processes of this machine; empty for a cluster."""
     return executor.busy.read() if isinstance(executor, InlineExecutor | LocalExecutor) else {}
 
 
 def read_cpu_seconds(executor: Executor) -> float:
-    """CPU seconds of this process since its start, and of calls in other processes of this machine; none of a cluster's."""
+    """CPU seconds of this process since its start, plus those of calls in other processes of this machine; without a cluster's."""
     lent_s = executor.busy.lent_cpu_s if isinstance(executor, InlineExecutor | LocalExecutor) else 0.0
     return time.process_time() + lent_s
 
 
 def wake(executor: Executor) -> None:
-    """Start processes of this machine ahead of their work, which takes as long as reading a scene."""
+    """Start processes of this machine before they have work; starting takes as long as reading a scene."""
     if isinstance(executor, LocalExecutor):
         executor.wake()
 
 
 def send_home(executor: Executor) -> None:
-    """End processes of this machine, which takes a moment, while other work needs none of them."""
+    """End the other processes of this machine in the background, once no more calls follow."""
     if isinstance(executor, LocalExecutor):
         executor.send_home()
 
 
 def set_apart(executor: Executor, run: Callable[[], T]) -> Callable[[], T]:
-    """Give a long call to one other process of this machine, which gets no other meanwhile, so that nothing waits behind it; returns a
-    function for its result. Where no process is ready, that function runs the call.
+    """Give a long call to another process of this machine, which gets no other call meanwhile. Returns a function for its result, which
+    runs the call itself if no process was ready.
     """
     return executor.set_apart(run) if isinstance(executor, LocalExecutor) else run
 
 
 def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """Results of `fn` for each tuple of arguments, in order; a few calls are submitted at once, and more as results are read, to bound the
-    memory of arguments.
+    """Results of `fn` for each tuple of arguments, in order. A few calls are submitted at once, and more as results are read, which bounds
+    the memory of arguments.
 
-    Only processes of this machine take part, not threads: with numpy's brief calls on short arrays threads slow each other down.
+    Processes of this machine run them, not threads: with numpy's brief calls on short arrays, threads slow each other down.
     """
     local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
     begun = (local.submit(fn, *arguments) for arguments in calls)
@@ -187,7 +189,7 @@ def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, 
                 yield ahead.popleft().result()
                 ahead.extend(islice(begun, 1))
         finally:
-            for call in ahead:  # their results are no longer wanted
+            for call in ahead:  # the reader stopped early
                 call.cancel()
 
     return answer()
@@ -207,7 +209,7 @@ class _Call(Future[Any]):
 
 
 class _Answers(Iterator[T]):
-    """Results of calls in order; closing it cancels the rest, also before the first was read."""
+    """Results of calls in order; closing it cancels the rest, even before the first was read."""
 
     def __init__(self, calls: Iterable[Future[T]]) -> None:
         self._calls = deque(calls)
@@ -227,13 +229,13 @@ class _Answers(Iterator[T]):
 
 
 class LocalExecutor(Executor):
-    """Processes of this machine, including this one, which runs pending calls while it waits for a result.
+    """Runs calls in several processes of this machine. This process is one of them: it runs pending calls while it waits for a result.
 
-    So nothing waits for processes that are still starting, and two workers need only one new process.
+    So no call waits for a process that is still starting, and two workers need only one new process.
     """
 
     def __init__(self, count: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> None:
-        # A copy has all modules loaded at once, but threads of this process, as embree's, would leave it their data in an unknown state.
+        # A fork has all modules loaded at once, but if this process had threads, as embree's, their data would be in an unknown state.
         context = multiprocessing.get_context("fork" if copied else "spawn")
         self.busy = BusyTime()
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
@@ -241,7 +243,7 @@ class LocalExecutor(Executor):
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start, initargs=(load_ahead,))
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # guards _ready and _given
-        self.is_awake = self._closed = False  # the other processes are starting, or have started
+        self.is_awake = self._closed = False  # awake: the other processes are starting, or have started
         self._ready = 0  # other processes that have started
         self._given = 0  # calls in the other processes
         self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
@@ -249,7 +251,7 @@ class LocalExecutor(Executor):
         self._lost: BaseException | None = None  # the error of a killed process, after which no call can run
 
     def wake(self) -> None:
-        """Start the other processes; each is given calls once it has started."""
+        """Start the other processes; each gets calls once it has started."""
         if not self.is_awake:
             self.is_awake = True
             for _ in range(self._others):
@@ -262,7 +264,7 @@ class LocalExecutor(Executor):
         self._feed()
 
     def _note_loss(self, sent: Future[Any]) -> None:
-        """Record a broken pool: a later submit would wait for a lock that the pool holds while it reports this."""
+        """Record a broken pool, since a later submit would wait for a lock that the pool holds while it reports the error."""
         if not sent.cancelled() and isinstance(sent.exception(), BrokenExecutor):
             self._lost = sent.exception()
 
@@ -282,11 +284,11 @@ class LocalExecutor(Executor):
         return call
 
     def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
-        """Submit all calls now."""
+        """Submit all calls at once."""
         return _Answers([self.submit(fn, *arguments) for arguments in zip(*iterables, strict=False)])
 
     def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
-        """See the function of that name."""
+        """As the function set_apart."""
         with self._turn:
             if not self._ready or self._lost:
                 return run
@@ -332,7 +334,7 @@ class LocalExecutor(Executor):
         return call is not None
 
     def _feed(self) -> None:
-        """Give each other process a call, and while many are pending a second in reserve, which this process would lack at the end."""
+        """Give each other process a call, and while many are pending, one more in reserve; the last ones stay for this process too."""
         while True:
             with self._turn:
                 most = self._ready * (2 if len(self._waiting) > self._others + 1 else 1)

@@ -1,4 +1,4 @@
-"""Frozen dataclasses of arrays as files in a folder, which processes map into memory and so share."""
+"""Saves frozen dataclasses of arrays as files in a folder, which processes share by mapping them into memory."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ from ..util.files import parse_json
 
 T = TypeVar("T")
 
-_LEAST_FILE = 1 << 20  # bytes from which on an array has a file of its own; also the most that is written at once
-_PACKED_FILE = "packed.bin"  # the length of a JSON index, the index, and all smaller arrays
+_LEAST_FILE = 1 << 20  # bytes; arrays of this size or more have files of their own. Also the size of writes that clear a file
+_PACKED_FILE = "packed.bin"  # contains the length of a JSON index, the index, and all smaller arrays
 _LENGTH_BYTES, _ALIGNMENT = 8, 64
 
 
 @dataclass(frozen=True)
 class Room:
-    """Allocates large arrays that save_struct will write: in files of its folder, or in memory without a folder.
+    """Allocates large arrays that save_struct will save: in files of its folder, or in memory if it has no folder.
 
-    An array in memory takes its space twice once it is written, and the system clears new memory page by page. Processes of this machine
-    see what is filled in; others do after synchronisation, see cluster.stamp_folder.
+    An array in memory would take its space twice once it is saved, and the system clears new memory page by page. Other processes of this
+    machine see the contents of the files at once; other machines see them after synchronisation, see cluster.stamp_folder.
     """
 
     folder: Path | None = None
 
     def within(self, name: str) -> Room:
-        """The room for the fields of a struct in the field `name`."""
+        """The room for a nested struct in the field `name`."""
         return Room(self.folder / name) if self.folder else self
 
     def empty(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        """An array for the field `name`. Raises OSError where the disk is too full for its file."""
+        """An uninitialised array for the field `name`. Raises OSError if the disk is full."""
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if self.folder is None or size < _LEAST_FILE:
             return np.empty(shape, dtype)
-        # The file is written before it is mapped: a process that fills a mapped file on a full disk is killed, and page by page allocation
-        # is slower.
+        # The file is written before it is mapped: filling a sparse mapped file on a full disk kills the process, and allocating it page by
+        # page is slower.
         nothing = (bytes(min(_LEAST_FILE, size - start)) for start in range(0, size, _LEAST_FILE))
         return _write_and_map(self.folder, name, nothing, shape, dtype, "r+")
 
     def collect(self, name: str, count: int, dtype: DTypeLike, parts: Iterable[NDArray[Any]]) -> NDArray[Any]:
-        """A read-only array (count,) for the field `name`, joined from parts (n,).
+        """A read-only array (count,) for the field `name`, concatenated from parts (n,).
 
-        It is written once, where the file of `empty` is cleared first. Raises OSError as `empty` does.
+        Its file is written once, while that of `empty` is cleared first. Raises OSError if the disk is full.
         """
         if self.folder is None or count * np.dtype(dtype).itemsize < _LEAST_FILE:
             out = np.concatenate([np.empty(0, dtype), *parts], dtype=dtype, casting="unsafe")
@@ -65,7 +65,7 @@ class Room:
 def _write_and_map(
     folder: Path, name: str, contents: Iterable[bytes | memoryview], shape: tuple[int, ...], dtype: DTypeLike, mode: Literal["r", "r+"]
 ) -> NDArray[Any]:
-    """Write `contents` one after the other to the field's file, and map it."""
+    """Write `contents` in order to the field's file, and map it."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.npy"
     path.unlink(missing_ok=True)  # as in save_struct
@@ -85,16 +85,16 @@ IN_MEMORY = Room()
 
 
 def save_struct(folder: Path, struct: Any) -> None:
-    """Write a dataclass whose fields are arrays, plain numbers, None or such dataclasses into `folder`, which is created.
+    """Save a dataclass whose fields are arrays, plain numbers, None or such dataclasses into `folder`, which is created.
 
-    Large arrays have files of their own; those of a Room of that folder are there already. All others share one file: a bake has some
-    hundred small arrays, and opening a file takes longer than writing one.
+    Large arrays have files of their own; those from a Room of that folder exist already. All others share one file, since a bake has about
+    a hundred small arrays, and opening a file takes longer than writing one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     packed = _Packed()
     header = json.dumps(_put_away(folder, struct, packed)).encode()
     path = folder / _PACKED_FILE
-    path.unlink(missing_ok=True)  # unlinked, not truncated, for a process may have it mapped
+    path.unlink(missing_ok=True)  # unlinked, not truncated, since a process may have it mapped
     with open(path, "wb") as file:
         file.write(len(header).to_bytes(_LENGTH_BYTES, "little") + header)
         begin = _align(file.tell())
@@ -104,14 +104,14 @@ def save_struct(folder: Path, struct: Any) -> None:
 
 
 class _Packed:
-    """Arrays to be written one after the other into one file."""
+    """Arrays that are written into one file."""
 
     def __init__(self) -> None:
-        self.arrays: list[tuple[int, NDArray[Any]]] = []  # with where they start, bytes
+        self.arrays: list[tuple[int, NDArray[Any]]] = []  # offset in bytes, and array
         self._end = 0
 
     def add(self, array: NDArray[Any]) -> int:
-        """Returns the offset of the array."""
+        """Add an array and return its offset."""
         start = _align(self._end)
         self._end = start + array.nbytes
         self.arrays.append((start, array))
@@ -119,12 +119,12 @@ class _Packed:
 
 
 def _describe(array: NDArray[Any]) -> tuple[str, tuple[int, ...], str]:
-    """Type, shape and memory order."""
+    """Type, shape and memory order of an array."""
     return array.dtype.str, array.shape, "F" if array.flags.fnc else "C"
 
 
 def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
-    """Write the large arrays of a struct and of structs in it, add the small ones to `packed`, and return an index of the fields."""
+    """Save the large arrays of a struct and its nested structs, add the small ones to `packed`, and return an index of the fields."""
     header: dict[str, Any] = {"plain": {}, "packed": {}, "files": {}, "structs": {}}
     for field in dataclasses.fields(struct):
         name, value = field.name, getattr(struct, field.name)
@@ -148,22 +148,22 @@ def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
 
 @contextmanager
 def laid_out(folder: Path, struct: Any) -> Iterator[str]:
-    """A new folder within `folder` that holds the struct, and is removed at the end."""
+    """A new folder within `folder` with the saved struct; it is removed at the end."""
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as place:
         save_struct(Path(place), struct)
         yield place
 
 
 def _is_of_file(array: NDArray[Any], file: Path) -> bool:
-    """Whether a Room made the array in that file; parts of such an array have the array as base, not the file."""
+    """Whether the array is the whole of that mapped file, made by a Room; slices of it have the array as base, not the file."""
     mapped = array.base
     return isinstance(mapped, np.memmap) and Path(str(mapped.filename)) == file
 
 
 def load_struct(folder: Path, cls: type[T]) -> T:
-    """The dataclass of save_struct, its arrays mapped read-only.
+    """Load what save_struct saved; arrays are mapped read-only.
 
-    Raises OSError where files are missing, ValueError, KeyError, TypeError or AttributeError where they are damaged.
+    Raises OSError if files are missing; ValueError, KeyError, TypeError or AttributeError if they are damaged.
     """
     whole = np.memmap(folder / _PACKED_FILE, np.uint8, "r").view(np.ndarray)  # np.memmap's own indexing is slow
     end = _LENGTH_BYTES + int.from_bytes(whole[:_LENGTH_BYTES].tobytes(), "little")
@@ -175,7 +175,7 @@ def _find_fields(folder: Path, cls: type[T], header: dict[str, Any], packed: NDA
     """Build the dataclass from the index of _put_away."""
     fields: Any = cls.__dataclass_fields__  # type: ignore[attr-defined]
     unknown = {name for of_kind in header.values() for name in of_kind} - set(fields)
-    if unknown:  # names become file names
+    if unknown:  # checked, since names become file names
         raise ValueError(f"it has no fields {', '.join(sorted(unknown))}")
     values: dict[str, Any] = dict(header["plain"])
     values |= {name: _unpack(packed, *of_array) for name, of_array in header["packed"].items()}
@@ -189,9 +189,9 @@ def _find_fields(folder: Path, cls: type[T], header: dict[str, Any], packed: NDA
 
 
 def hash_struct(folder: Path) -> str:
-    """Digest of all that save_struct wrote into a folder.
+    """Digest of all files that save_struct wrote into a folder.
 
-    Raises OSError where that cannot be read.
+    Raises OSError if they cannot be read.
     """
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     return hash_pieces(part.encode() for path in files for part in (path.relative_to(folder).as_posix(), hash_file(path)))
@@ -210,7 +210,7 @@ def _unpack(packed: NDArray[np.uint8], dtype: str, shape: list[int], order: Lite
 
 
 def _map_file(path: Path, dtype: str, shape: list[int], order: Literal["C", "F"]) -> NDArray[Any]:
-    """Map the array of np.save, skipping its header, which repeats the index."""
+    """Map an array saved by np.save, skipping its header, which repeats the index."""
     begin = path.stat().st_size - _count_bytes(dtype, shape)
     if begin < 0:
         raise ValueError(f"{path.name} is not whole")
@@ -223,5 +223,5 @@ def _align(place: int) -> int:
 
 
 def remove_struct(folder: Path) -> None:
-    """Delete the files of save_struct as far as the system lets go of mapped ones; the rest goes with the job's folder."""
+    """Delete the files of save_struct. A system may refuse to delete mapped files; these are deleted with the job's folder."""
     shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""A process of an executor on this machine: its start and end, and the transfer of results."""
+"""Start and end of an executor's process on this machine, and the transfer of results."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-# Bytes of a result that a pipe takes whole or not at all, with what a pool writes around it. Source: POSIX, write() of {PIPE_BUF} bytes
+# Greatest result that a pipe takes atomically, together with what a pool adds. Source: POSIX, write() of {PIPE_BUF} bytes
 _AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
 
 
 def start(load_ahead: Callable[[], None]) -> None:
-    """Before the first call; `load_ahead` loads what calls will need."""
-    atexit.register(os._exit, 0)  # interpreter shutdown would take time from the others, and the system frees all
+    """Set up the process before its first call; `load_ahead` loads what calls will need."""
+    atexit.register(os._exit, 0)  # skips the interpreter's shutdown, which would take time; the system frees everything
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a copy would inherit the main process's handler
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork inherits the main process's handler
     load_ahead()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """Exit with the main process: if it is killed, it cannot announce the end of work, and its workers would wait for ever."""
+    """Exit with the main process: if that is killed, it cannot announce the end of work, and its workers would wait for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        parent.join()  # a copy holds open the pipes of earlier copies, so that the last copy ends first
+        parent.join()  # forks hold the pipes of earlier ones open, so they end in reverse order
         os._exit(1)
 
 
 def time_call(run: Callable[[], T]) -> tuple[T, float, float]:
-    """The result of `run`, the seconds that it took, and the CPU seconds of this process meanwhile."""
+    """The result of `run`, its wall seconds, and the CPU seconds of this process meanwhile."""
     begin, cpu_begin = time.perf_counter(), time.process_time()
     result = run()
     return result, time.perf_counter() - begin, time.process_time() - cpu_begin
 
 
 def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
-    """The result of `run`, pickled; where a pipe would not take it at once, the name of a file that holds it.
+    """The pickled result of `run`; or, if a pipe would not take it atomically, the name of a file with it.
 
-    From a process killed while it writes, the main one would have a part and wait for the rest for ever, for it holds the pipe open itself.
-    And a full pipe would block this process until the main one, which traces, has read it.
+    If a process were killed while it writes to the pipe, the main process would wait for the rest for ever, since it holds the pipe open
+    itself. And a full pipe would block this process until the main one, which also traces, reads it.
     """
     result = pickle.dumps(run(), pickle.HIGHEST_PROTOCOL)
     if len(result) <= _AT_ONCE:
@@ -57,13 +57,13 @@ def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
     try:
         with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
             file.write(result)
-    except OSError:  # no room there
+    except OSError:  # the disk is full
         return result
     return file.name
 
 
 def fetch_result(kept: bytes | str) -> Any:
-    """The result given to keep_result; a file is removed."""
+    """The result of keep_result; its file is removed."""
     if isinstance(kept, bytes):
         return pickle.loads(kept)
     file = Path(kept)
