@@ -3,7 +3,7 @@
 import bench_accuracy
 import numpy as np
 import pytest
-from cycles_reference import COMMITTED, REFERENCES, Reference, spread_windows
+from cycles_reference import COMMITTED, REFERENCES, Reference
 from lightmap_errors import LightmapErrors
 
 SIZE = 32
@@ -47,19 +47,6 @@ def test_committed_references_have_little_noise_and_are_small(name, size):
     assert reference.noise < 0.02  # it cancels, but for what it does to the choice of the best texels
     assert (REFERENCES / f"{name}_{size}.npz").stat().st_size < 1_000_000
     assert len(reference.first) == reference.covered.sum()
-
-
-def test_windows_are_spread_over_a_large_page_and_are_all_of_a_small_one():
-    assert spread_windows(256) == (256, [(0, 0)])
-    for size in (1024, 4096):
-        side, corners = spread_windows(size)
-        assert side * side * len(corners) == 256 * 256
-        for ends in zip(*corners, strict=True):
-            assert sorted(ends) == list(range(0, size, size // 16))
-        assert len({(4 * x // size, 4 * y // size) for x, y in corners}) == 16  # one in each sixteenth of the page
-    for size in (512, 1030):
-        with pytest.raises(ValueError, match=f"{size}: a page that is baked in windows"):
-            spread_windows(size)
 
 
 def measured(rel=0.01, bias=0.001, stated=0.01, finest=True, truth=None):

@@ -5,7 +5,7 @@ import math
 
 import bench_speed
 import pytest
-from speed_curves import Point, Reach, bake_in_turns, geometric_mean, join_turns, ratio_text, reach_error
+from speed_curves import Point, Reach, geometric_mean, join_turns, ratio_text, reach_error
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
 SAMPLED = [Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64)]
@@ -17,28 +17,11 @@ def test_between_bakes_error_is_a_power_of_time():
     assert reach_error(points[::-1], 0.2 / 2.0**0.25) == Reach(pytest.approx(4.0 * 2.0**0.5))
 
 
-def test_the_quickest_bake_may_be_good_enough():
-    assert reach_error(SAMPLED, 0.6) == Reach(2.4, "<=")
-
-
 def test_beyond_the_longest_bake_samples_are_extrapolated_not_the_start():
     assert reach_error(SAMPLED, 0.05) is None
     assert reach_error(SAMPLED, 0.05, extrapolate=True) == Reach(pytest.approx(2.0 + 0.1 * 400), "~")
     assert reach_error(SAMPLED, 0.05, "nrmse", extrapolate=True) == Reach(pytest.approx(2.0 + 0.1 * 1600), "~")
     assert reach_error([], 0.05, extrapolate=True) is None
-
-
-def test_short_bakes_are_made_again_in_turn():
-    made, seconds = [], iter([2.0, 15.0, 0.5, 7.0])
-
-    def bake(asked, turn):
-        made.append((asked, turn))
-        return next(seconds)
-
-    first = {0.1: 1.0, 0.05: 6.0, 0.02: 10.0}
-    assert bake_in_turns(first, bake, 3, float) == [[1.0, 2.0, 0.5], [6.0, 15.0, 7.0], [10.0]]
-    assert made == [(0.1, 1), (0.05, 1), (0.1, 2), (0.05, 2)]
-    assert bake_in_turns(first, bake, 1, float) == [[1.0], [6.0], [10.0]]
 
 
 def test_of_turns_the_median_of_seconds_counts_and_the_root_mean_square_of_errors():
@@ -87,15 +70,6 @@ def test_history_grows_and_is_shown_beside_the_next_run(tmp_path):
     assert {"date", "version", "sources"} < set(kept[0])
     table = bench_speed.table_targets([bench_speed.Target.at_least("a", 0.5, 1.0)], {"a": 2.0})
     assert table.rows == [["a", "0.5", "2", ">= 1", "FAILS"]]
-
-
-def test_a_series_goes_on_until_it_has_come_to_the_least_error():
-    budget_s = 10.0
-    ends = [
-        bench_speed.ends_series(Point(seconds, rel, rel, 0.1), budget_s)
-        for seconds, rel in ((9, 0.01), (11, 0.01), (11, 0.021), (41, 0.021))
-    ]
-    assert ends == [False, True, False, True]
 
 
 def test_cycles_is_waited_for_while_its_filtered_bakes_err_more_than_the_least():

@@ -1,13 +1,12 @@
 """The parts of the zoo's benchmark that bake nothing: seeds, windows, batches, pages put together, ratios, tables."""
 
-import datetime
 from pathlib import Path
 
 import bench_zoo
 import numpy as np
 import pytest
 from speed_curves import Point
-from zoo_reference import PageReference, Subject, find_reference, next_samples, reference_path, spread_windows
+from zoo_reference import PageReference, Subject, next_samples
 from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, share_of_tracing, summarize
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
@@ -33,27 +32,6 @@ def row(table, what):
     return found
 
 
-def test_each_day_has_seeds_of_its_own():
-    days = [datetime.date(2026, 11, 28) + datetime.timedelta(day) for day in range(3)]
-    drawn = [seed for day in days for seed in bench_zoo.draw_seeds(16, day)]
-    assert len(set(drawn)) == 48
-    assert bench_zoo.draw_seeds(16, days[0]) == drawn[:16]
-
-
-@pytest.mark.parametrize(
-    ("size", "side", "triangles", "count"),
-    [(64, 10, 500, 1), (256, 32, 500, 1), (256, 10, 500, 64), (256, 10, 20_000, 16), (384, 32, 500, 64), (1024, 32, 200_000, 4)],
-)
-def test_windows_lie_on_the_page_and_not_on_each_other(size, side, triangles, count):
-    window, corners = spread_windows(size, side, triangles)
-    assert len(corners) == count
-    seen = np.zeros((size, size), int)
-    for left, low in corners:
-        seen[low : low + window, left : left + window] += 1
-    assert seen.max() == 1
-    assert seen.sum() == (64 * side * side if count > 1 else size * size)
-
-
 def test_batches_double_and_end_with_the_time():
     assert next_samples(8, 1.0, 0.5, 60.0) == 16
     assert next_samples(512, 40.0, 20.0, 60.0) == 512
@@ -72,16 +50,6 @@ def test_each_object_is_held_against_its_own_page():
     assert reference.measure({"": np.where(covered[..., None], pages["a"], 0.0)}, ("a", "b")).nrmse > 0.5
     pages["b"][1, 0, :3] += 1.0
     assert reference.measure(pages, ("a", "b")).bias == pytest.approx(3.0 / light.sum())
-
-
-def test_a_good_reference_of_the_cache_is_taken_as_it_is(tmp_path):
-    subject = Subject(tmp_path, "seed 1", ("a",), "", 64, 500, "seed 1: a room")
-    subject.save()
-    assert Subject.load(tmp_path) == subject
-    light = np.random.default_rng(1).random((4096, 3)).astype(np.float32) + 1.0
-    path = reference_path(subject, "layout", 32)
-    np.savez(path, covered=np.ones((64, 64), bool), first=light, second=light, owner=np.zeros(4096), samples=8, seconds=1.0)
-    assert find_reference(subject, "layout", 32, 60.0, 0.01).noise == 0.0
 
 
 def test_the_summary_has_means_and_the_worst():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -122,24 +121,6 @@ def hidden(monkeypatch):
         return content
 
     monkeypatch.setattr(cluster, "stamp_folder", stamp_and_hide)
-
-
-def test_a_worker_keeps_few_copies_and_none_that_is_damaged(tmp_path):
-    sent = tmp_path / "sent"
-    sent.mkdir()
-    worker = SimpleNamespace(local_directory=str(tmp_path / "worker"))
-    copies = []
-    for number in range(cluster._KEPT_COPIES + 2):
-        (sent / "data").write_bytes(b"%d" % number)
-        copies.append(cluster.FolderCopy(str(tmp_path / "elsewhere"), cluster.stamp_folder(sent, ())))
-        cluster.write_pieces(copies[-1], [("data", b"%d" % number)], worker)
-        cluster.finish_copy(copies[-1], worker)
-        os.utime(cluster._place(copies[-1], worker), (number, number))
-    assert [cluster.has_copy(copy, worker) for copy in copies] == [False] * 2 + [True] * cluster._KEPT_COPIES
-    cluster.write_pieces(copies[0], [("data", b"something else")], worker)
-    cluster.finish_copy(copies[0], worker)
-    assert not cluster.has_copy(copies[0], worker)
-    assert len(list((tmp_path / "worker" / "leaflight").iterdir())) == cluster._KEPT_COPIES
 
 
 def test_a_file_too_long_for_one_message_comes_in_pieces(tmp_path):

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_forms import from_polygon
 from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
 from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.lights.emitters import NO_LIGHT, EmittingMeshes, build_emitters
@@ -120,18 +119,6 @@ class TestKnownSkies:
 
     def test_what_lies_below_the_horizon_lights_nothing_from_above(self):
         assert light_floor(under(make_map(16, 32, lambda d: d[:, 2] < 0))).max() < 1e-3
-
-    def test_beside_a_wall(self):
-        """A constant map beside a black wall: pi less the wall's polygon, texel by texel."""
-        wall = box_mesh("Wall", (0.02, 40, 30), (-0.011, 0, 15))
-        found = light_floor(under(np.ones((16, 32, 3), np.float32), wall), tolerance=0.005)[:, 0]
-        corners = np.array([[0, -20, 0], [0, 20, 0], [0, 20, 30], [0, -20, 30]], float)
-        x, y = part_bits(np.arange(SIDE**2))
-        at = np.column_stack([(x + 0.5) / SIDE, (y + 0.5) / SIDE, np.zeros(SIDE**2)])
-        expected = math.pi - np.abs(from_polygon(corners, at, np.tile([0.0, 0.0, 1.0], (SIDE**2, 1))))
-        assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
-        assert found == pytest.approx(expected, rel=0.25)
-        assert np.sqrt(((found / expected - 1) ** 2).mean()) < 0.05
 
     def test_a_black_map_is_no_light(self):
         with pytest.raises(ValueError, match=NO_LIGHT):

@@ -10,7 +10,6 @@ from leaflight.core.bake.preview import PreviewPages, find_first_light
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
-from leaflight.core.radiosity import quadtree
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
 
@@ -47,18 +46,6 @@ def test_pages_are_those_of_the_bake_but_for_its_blending(tmp_path):
         np.testing.assert_array_equal(page[..., 3], final[..., 3])
         covered = final[..., 3] > 0
         assert page[covered][:, :3].astype(float).mean() == pytest.approx(final[covered][:, :3].mean(), rel=0.02), name
-
-
-def test_leaves_of_few_photons_are_shown_as_pages_show_them(tmp_path):
-    settings = replace(SETTINGS, direct="rays", max_photons=2000, hierarchical=False, finest_texels=4, passes=("indirect",))
-    pages, texels = make_pages(tmp_path, lamp_scene(), settings)
-    light = make_solver(tmp_path / "solver", lamp_scene(), settings).run(lambda message: None, lambda: False)
-    shown, alone = (pages.draw(one)[0] for one in (light, replace(light, few=None)))
-    told, _ = light.few.find(quadtree.node_of_texel(light.tree, light.leaves, len(texels)))
-    x, y = texels.texel_xy.T
-    changed = (shown != alone).any(axis=-1)[y, x]
-    assert changed.any()
-    assert not changed[~told].any()
 
 
 def test_shadow_rays_replace_photons_where_they_have_been_shot(tmp_path):

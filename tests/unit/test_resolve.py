@@ -7,7 +7,6 @@ import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core.atlas import charts
 from leaflight.core.bake import solve
-from leaflight.core.filter.subtexel_tally import SubtexelLight
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.output import resolve
@@ -196,20 +195,6 @@ def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
     bake.throw(*np.random.default_rng(2).random((2, 10_000)))
     grainy, shown = smooth_both(bake, DirectField.none(bake.n_texel))
     assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
-
-
-def test_grain_that_squares_bring_is_smoothed():
-    """On leaves that are too large for grain of their own."""
-    bake = SquareBake(side=64, degree=0, level=1)
-    bake.throw(*np.random.default_rng(2).random((2, 10_000)))
-    n = bake.n_texel
-    told = np.zeros((2, 3, n))
-    told[1] = 3 + 0.3 * np.random.default_rng(3).standard_normal(n)
-    say = SubtexelLight(np.arange(n, dtype=np.int32), told, np.full((3, n), 0.09), np.full((3, n), 0.01))
-    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=DirectField.none(n), squares=say)
-    grainy, shown = (texel_light.light_at_texels(field, bake.texels, smooth_grain=smooth) for smooth in (False, True))
-    assert grainy.indirect.mean() == pytest.approx(3, rel=0.1)
-    assert shown.indirect.std() < 0.6 * grainy.indirect.std()
 
 
 @pytest.mark.parametrize(("noise", "smooth"), [(0.004, False), (0.012, True)])

@@ -65,13 +65,6 @@ def test_the_error_asked_for_stops(tmp_path):
     assert light.error <= 0.2
 
 
-def test_smooth_light_is_split_until_it_is_as_exact_as_asked(tmp_path):
-    """However little leaves differ from what lies below them: light of a closed room bends by a few percent over a wall."""
-    room = make_scene([room_mesh()], [Light("POINT", "Lamp", (0.2, 0.1, 0.1), power_rgb=(10.0,) * 3)], [Material("Grey", (0.5,) * 3)])
-    light = solve_scene(tmp_path, room, replace(SETTINGS, error=0.005, max_photons=8_000_000, gather=False))
-    assert light.stopped_by == "error"
-
-
 def test_the_time_limit_stops(tmp_path):
     solver = make_solver(tmp_path, lamp_scene(), replace(SETTINGS, time_limit=100.0, max_photons=10**9))
     solver.deadline.began -= 101.0
@@ -100,45 +93,6 @@ def test_a_glance_is_what_a_bake_of_one_round_gives_but_for_its_error(tmp_path):
     assert (glance.photons, glance.rounds, math.isnan(glance.error)) == (whole.photons, 1, True)
     assert solution_bytes(glance) == solution_bytes(whole)
     assert glance.leaves.size
-
-
-def court_solver(folder, seed=1, executor=None, forced=False, bare=False, **knobs):
-    """A small court on a wide plain under the sun, which may be bare: without a lightmap."""
-    court = room_mesh("Court")
-    court = moved(replace(court, polygons=[court.polygons[0], *court.polygons[2:]]), (0, 0, 0.5))
-    plain = replace(moved(quad_mesh("Plain", 9.0, 9.0), (-4.5, -4.5, -0.1)), receives=not bare)
-    sun = Light("SUN", "Sun", (0.0, 0.0, 5.0), power_rgb=(1.0, 1.0, 1.0), angle_rad=0.01)
-    scene = make_scene([court, plain], [sun], [Material("Grey", (0.7,) * 3)])
-    settings = replace(SETTINGS, size=64, seed=seed, error=1e-4, max_photons=1_000_000)
-    return make_solver(folder, scene, replace(settings, **knobs), executor, forced)
-
-
-def light_of_courts(folder, seeds, **knobs):
-    """Light that photons bring to floor and walls in bakes of some seeds, (seeds, 5) W/m^2, and the rays each took."""
-    light_w_m2, rays = np.empty((seeds, 5)), np.empty(seeds)
-    for seed in range(seeds):
-        solver = court_solver(folder / f"{knobs['guided']}{seed}", seed, **knobs)
-        light = solver.run(lambda message: None, lambda: False)
-        texels, tree, leaves = solver.tracing.texels, light.tree, light.leaves
-        leaves = leaves[solver.tracing.snapshot.tri_object[texels.texel_tri[tree.start[leaves]]] == 0]
-        wall = np.unique(tree.chart[leaves], return_inverse=True)[1]
-        light_w_m2[seed] = np.bincount(wall, light.solution.flux[0, leaves]) / np.bincount(wall, tree.area[leaves])
-        rays[seed] = light.ledger.rays
-    return light_w_m2, rays
-
-
-@pytest.mark.slow
-def test_photons_that_go_alone_are_born_where_they_tell_most(tmp_path):
-    """One in eighty comes to the court, which lies in the middle: they bring the same light, of which more is known."""
-    (plain, plain_rays), (guided, guided_rays) = (
-        light_of_courts(tmp_path, 5, guided=guided, direct="photons", bare=True) for guided in (False, True)
-    )
-    doubt = np.hypot(plain.mean(1).std(ddof=1), guided.mean(1).std(ddof=1)) / math.sqrt(5)
-    assert abs(plain.mean() - guided.mean()) < 4 * doubt
-    assert doubt < 0.02 * plain.mean()
-    assert guided_rays.mean() < 1.3 * plain_rays.mean()
-    cost = [light.var(axis=0, ddof=1).sum() * rays.mean() for light, rays in ((plain, plain_rays), (guided, guided_rays))]
-    assert cost[1] < 0.6 * cost[0]
 
 
 def test_progress_is_told_after_every_round(tmp_path):
@@ -172,14 +126,6 @@ def test_no_bake_stops_at_its_first_leaves_while_they_would_be_split(tmp_path, k
         assert light.photons == FIRST_ROUND_PHOTONS * (1 + EARLY_GROWTH)
 
 
-def test_emitted_power_is_that_of_the_lamp_whatever_the_number_of_photons(tmp_path):
-    # Blender's intensity is P / (4 pi^2), so the flux over the sphere is P / pi.
-    for maximum in (1000, 20_000):
-        light = solve_scene(tmp_path / str(maximum), lamp_scene(), replace(SETTINGS, max_photons=maximum))
-        emitted = light.ledger.audit_w()["emitted"]
-        assert emitted == pytest.approx(np.array([10.0, 5.0, 2.5]), rel=1e-3)
-
-
 @pytest.mark.parametrize("basis", ["constant", "linear", "quadratic"])
 def test_splitting_loses_no_flux(tmp_path, basis):
     """The flux of the leaves is all that was deposited, though nodes were made late."""
@@ -201,11 +147,6 @@ def test_flat_mode_has_leaves_of_the_finest_size(tmp_path, finest):
         assert len(light.leaves) == len(light.direct.irradiance)
     plain = tally.solve_tallies(light.tree, tally.accumulate(light.tree, solver.tally))
     np.testing.assert_array_equal(light.solution.coefficient, plain.coefficient)  # held against: as the photons say
-
-
-def test_no_leaf_is_smaller_than_the_finest(tmp_path):
-    light = solve_scene(tmp_path, lamp_scene(), replace(SETTINGS, direct="photons", finest_texels=4))
-    assert light.tree.side[light.leaves].min() == 4
 
 
 def test_contact_splits_where_it_is_forced(tmp_path):
