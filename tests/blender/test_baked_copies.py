@@ -166,7 +166,7 @@ def test_curve_becomes_a_mesh_copy():
     assert block_names()["meshes"] == before["meshes"]
 
 
-@pytest.mark.parametrize("flags", [(False, True), (True, False), (False, False)])
+@pytest.mark.parametrize("flags", [(False, True), (True, False)])
 def test_both_visibility_flags_return(flags):
     source = add_object("Fence", make_mesh("Fence"))
     depsgraph = bpy.context.evaluated_depsgraph_get()

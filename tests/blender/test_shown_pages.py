@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import bake as bake_by_command
-from blend_rooms import list_files, open_room, read_pixels, save_scene
+from blend_rooms import open_room, save_scene
 from leaflight.addon.app import kept_state
 from leaflight.addon.show import images, restore, shown_pages
 from leaflight.addon.show.layout import worn_folder, worn_result
@@ -88,16 +88,6 @@ def test_undo_and_redo_bring_back_each_bake_with_its_own_light(first):
     assert kept_state.find_state(scene)
 
 
-def test_the_first_bake_is_undone_as_a_whole():
-    bpy.ops.leaflight.remove()
-    bpy.ops.ed.undo_push(message="removed")
-    second = bake(32)
-    bpy.ops.ed.undo()
-    assert is_bare()
-    bpy.ops.ed.redo()
-    assert look() == second
-
-
 def test_a_bake_of_the_same_layout_is_undone_too(first):
     bpy.data.objects["Lamp"].data.energy = 40.0
     bpy.ops.ed.undo_push(message="lamp")
@@ -124,13 +114,6 @@ def test_a_file_that_is_opened_again_wears_what_it_was_saved_with(first, tmp_pat
     meter.measure(bpy.context)
     least_s, most_s = meter.estimate.seconds
     assert least_s == most_s, "it knows how long the last bake took"
-
-
-def test_the_newest_bake_has_the_names_that_users_rely_on(tmp_path):
-    bake(32)
-    assert list_files(tmp_path / "maps") == ["room.refine", "room_0.combined.exr"]
-    assert read_pixels(tmp_path / "maps" / "room_0.combined.exr").shape[:2] == (32, 32)
-    assert [image.name for image in bpy.data.images] == ["room_0.combined"]
 
 
 def test_a_copy_of_the_file_keeps_its_light_when_the_first_is_baked_again(first, tmp_path):

@@ -75,16 +75,6 @@ def test_the_panel_tells_of_the_bake_of_its_own_scene():
     assert state.summarize() == []
 
 
-def test_removing_the_first_leaves_the_second():
-    run("Scene", "bake")
-    run("B/c", "bake")
-    second = look("Twin")
-    run("Scene", "remove")
-    assert look("Twin") == second
-    run("B/c", "remove")
-    assert [layer.name for layer in bpy.data.objects["Cube"].data.uv_layers] == ["UVMap"]
-
-
 def test_a_bake_beside_an_unbaked_twin_keeps_its_layer():
     """The twin is not baked, but its scene is: what is taken off there before a bake must not reach the mesh."""
     run("Scene", "bake")

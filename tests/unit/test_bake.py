@@ -26,7 +26,7 @@ from scenes import make_scene, moved, quad_mesh, shade_smooth, sphere_mesh
 pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
 FIRST_STAGES = ["load", "charts", "texels", "scene", "contacts"]
-LIGHT_STAGES = {"rays": ["photons", "direct", "photons", "write"], "photons": ["direct", "photons", "write"]}
+LIGHT_STAGES = ["photons", "direct", "photons", "write"]
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_files_and_result_say_the_same(tmp_path):
     assert [(file["pass_name"], file["kind"], file["page"], file["objects"]) for file in result["files"]] == [
         (name, kind, 0, [0, 1]) for name in ("combined", "indirect") for kind in ("exr", "png")
     ]
-    assert [message.stage for message in messages if isinstance(message, Status)] == FIRST_STAGES + LIGHT_STAGES["rays"]
+    assert [message.stage for message in messages if isinstance(message, Status)] == FIRST_STAGES + LIGHT_STAGES
     assert list(result["seconds"]) == [*FIRST_STAGES, "photons", "direct", "write"]
     assert messages[-1] == Done(str(tmp_path / RESULT_FILE), False)
     last = [message for message in messages if isinstance(message, Progress)][-1]
@@ -149,7 +149,7 @@ def test_a_folder_can_be_used_again(tmp_path):
     assert means[0] == pytest.approx(10 * means[1], rel=0.01)
 
 
-@pytest.mark.parametrize("stage", ["charts", "texels", "contacts"])
+@pytest.mark.parametrize("stage", ["charts", "contacts"])
 def test_a_bake_that_is_stopped_before_there_is_light_has_nothing_to_show(tmp_path, monkeypatch, stage):
     monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
@@ -249,11 +249,10 @@ def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_pa
     assert pixels[..., :3][pixels[..., 3] > 0].mean() > 0.05
 
 
-@pytest.mark.parametrize("direct", ["rays", "photons"])
-def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, direct):
+def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch):
     monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
     monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
-    settings, files = replace(QUICK, direct=direct, error=0.02, max_photons=600_000), []
+    settings, files = replace(QUICK, error=0.02, max_photons=600_000), []
     for name, with_preview in (("with", True), ("without", False)):
         messages, result = bake_scene(tmp_path / name, lamp_scene(), settings, preview=with_preview)
         files.append((tmp_path / name / "images" / "room_0.combined.exr").read_bytes())
@@ -261,7 +260,7 @@ def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, direct):
         assert len(shown) == (result["rounds"] if with_preview else 0)  # the first light, and each round but the last
         if with_preview:
             stages = [message.stage for message in messages if isinstance(message, Status)]
-            assert stages == [*FIRST_STAGES, "preview", *LIGHT_STAGES[direct]]
+            assert stages == [*FIRST_STAGES, "preview", *LIGHT_STAGES]
             kinds = [type(message) for message in messages]
             assert kinds.index(Preview) < kinds.index(Progress)
     assert files[0] == files[1]

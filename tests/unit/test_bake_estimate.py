@@ -54,7 +54,7 @@ def test_what_is_longer_than_a_page_does_not_fit_it():
     assert found[1].fitting == pytest.approx((2**0.5 * 504 / (20.0 * 2.0 * 20.0),))
 
 
-@pytest.mark.parametrize(("density", "padding"), [(100.0, 4), (400.0, 4), (100.0, 16)])
+@pytest.mark.parametrize(("density", "padding"), [(400.0, 4), (100.0, 16)])
 def test_what_does_not_fit_is_as_coarse_as_it_fills_a_page_alone(density, padding):
     found, alone = estimate(density=density, padding=padding), estimate(ROOM[1:2], padding=padding)
     assert density * dict(zip(found.too_large, found.fitting, strict=True))["Walls"] == pytest.approx(alone.density)

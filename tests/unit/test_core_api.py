@@ -26,16 +26,16 @@ def test_importing_the_core_loads_no_native_library():
     assert set(NATIVE) & set(loaded) == set()
 
 
-def run_example():
-    """The names that the docstring's example leaves behind."""
+@pytest.fixture(scope="module")
+def names():
+    """Those that the docstring's example leaves behind."""
     example = textwrap.dedent(core.__doc__.partition("::\n")[2].partition("\nWhat programs")[0])
-    names = {}
-    exec(compile(example, "core docstring", "exec"), names)
-    return names
+    found = {}
+    exec(compile(example, "core docstring", "exec"), found)
+    return found
 
 
-def test_the_example_in_the_docstring_runs():
-    names = run_example()
+def test_the_example_in_the_docstring_runs(names):
     light = names["light"]
     (page,) = light.pages["lighting"]
     lit = page[page[..., 3] == 1, 0]
@@ -49,8 +49,7 @@ def test_the_example_in_the_docstring_runs():
     assert page[y, x, 0] == pytest.approx(lit.max(), rel=0.05)
 
 
-def test_memory_and_files_have_the_same_light(tmp_path, open_image_io):
-    names = run_example()
+def test_memory_and_files_have_the_same_light(names, tmp_path, open_image_io):
     settings = replace(names["Settings"](size=64, workers=1), passes=("combined", "lighting", "stderr", "level"))
     save_snapshot(tmp_path / job.SNAPSHOT_FILE, names["room"])
     job.Job(settings, output=str(tmp_path), atlas_name="room").save(tmp_path)
@@ -62,8 +61,7 @@ def test_memory_and_files_have_the_same_light(tmp_path, open_image_io):
     assert json.loads((tmp_path / "result.json").read_text())["photons"] == light.report["photons"]
 
 
-def test_a_scene_that_cannot_be_baked_raises_its_sentence_and_leaves_no_file(tmp_path, monkeypatch):
-    names = run_example()
+def test_a_scene_that_cannot_be_baked_raises_its_sentence_and_leaves_no_file(names, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     nothing = replace(names["room"], objects=(replace(names["floor"], receives=False),))
     with pytest.raises(ValueError, match="nothing to bake"):
@@ -71,8 +69,8 @@ def test_a_scene_that_cannot_be_baked_raises_its_sentence_and_leaves_no_file(tmp
     assert not list(tmp_path.iterdir())
 
 
-def test_solving_hears_of_progress_and_can_be_stopped():
-    names, heard = run_example(), []
+def test_solving_hears_of_progress_and_can_be_stopped(names):
+    heard = []
     light = core.solve(names["room"], names["Settings"](size=64, error=1e-4), tell=heard.append, should_stop=lambda: True)
     assert light.stopped_by == "interrupted"
     assert light.pages["combined"].any()  # the best so far

@@ -270,7 +270,7 @@ def test_a_power_that_cannot_be_traced_is_refused(power):
         _build(_snapshot(_cube()), _white_lamp(power, name="Sun"))
 
 
-@pytest.mark.parametrize(("radius", "offset"), [(0.2, 0.0), (0.8, 0.0), (0.8, 0.3), (0.2, 0.1), (0.2, 0.19)])
+@pytest.mark.parametrize(("radius", "offset"), [(0.8, 0.0), (0.8, 0.3), (0.2, 0.19)])
 def test_soft_falloff_weighs_the_first_hit(radius, offset):
     scene = _build(_snapshot(_cube(), (Material("White", (0.9,) * 3),)), _white_lamp(along=(0, 0, -1), soft=(radius, offset)))
     hits = _trace(scene, 1000)
@@ -298,8 +298,7 @@ def test_bent_shading_normals_interpolate():
     np.testing.assert_allclose(hits.flux_rgb[1, ~floor], 12 / 2000, rtol=1e-5)
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e5])
-@pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-4, 1e6), (1e5, 1e6)])
 def test_no_light_leaks_from_closed_rooms_of_any_size_and_place(scale, offset):
     room = _snapshot(_cube() * scale + offset, (Material("White", (0.9,) * 3),))
     hits = _trace(_build(room, _white_lamp()), 20_000)

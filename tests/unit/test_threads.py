@@ -11,7 +11,7 @@ from leaflight.core.util.progress import Interrupted
 from leaflight.core.util.threads import count_usable, run_on_threads, split_entries
 
 
-@pytest.mark.parametrize("count", [0, 1, 1 << 16, (1 << 16) + 1, 700_000, 1 << 21, 11_700_000])
+@pytest.mark.parametrize("count", [0, 1, (1 << 16) + 1, 11_700_000])
 def test_parts_follow_each_other_to_the_end(count):
     parts = split_entries(count)
     assert [part.start for part in parts] == [0, *(part.stop for part in parts[:-1])]
@@ -20,7 +20,7 @@ def test_parts_follow_each_other_to_the_end(count):
     assert all(part.stop - part.start >= 1 << 16 for part in parts[:-1])
 
 
-@pytest.mark.parametrize("within", [(0, 700_000), (0, 10), (100_000, 100_001), (87_500, 175_000), (5, 699_999), (650_000, 700_000)])
+@pytest.mark.parametrize("within", [(0, 10), (87_500, 175_000), (5, 699_999)])
 def test_parts_of_some_entries_end_where_those_of_all_do(within):
     """And where these begin and end."""
     low, high = within
