@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -14,6 +15,17 @@ from leaflight.addon.app.job import library_paths
 from leaflight.addon.ui import cli
 
 QUICK = ("--size", "32", "--max-photons", "20000", "--workers", "1")
+
+
+class PanelContext:
+    """Blender's context, with what it has in a window only."""
+
+    region = SimpleNamespace(width=10_000)
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={})
+    space_data = SimpleNamespace(shading=SimpleNamespace(type="SOLID", color_type="MATERIAL"))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(bpy.context, name)
 
 
 def open_room(lamp_w: float = 100.0) -> None:
@@ -38,9 +50,22 @@ def add_mesh(name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Seq
     """A mesh object in the open scene."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices, [], faces)
-    obj = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(obj)
+    return add_object(name, mesh)
+
+
+def add_object(name: str, data: Any, collection: Any = None) -> Any:
+    """An object with that data, in the open scene unless it belongs into a collection."""
+    obj = bpy.data.objects.new(name, data)
+    (collection or bpy.context.scene.collection).objects.link(obj)
     return obj
+
+
+def make_material(name: str) -> Any:
+    """A material with nodes, which Blender 4.5 does not give it by itself."""
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    return material
 
 
 def save_scene(path: Path) -> Path:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from leaflight.core.atlas import charts
-from leaflight.core.bake import solve
+from leaflight.core.bake import bake, solve
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.integrate.light_field import LightField
 from leaflight.core.parallel import executors, folders, shared_arrays
@@ -18,7 +20,8 @@ from leaflight.core.scene.scene import Light, Material, SceneSnapshot
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.texels import creases, texels
 from leaflight.core.texels.texel_map import TexelMap
-from leaflight.core.util.job import SNAPSHOT_FILE
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.messages import Message
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, quad_mesh, sphere_mesh
 
@@ -60,6 +63,29 @@ def prepare_folder(folder: Path, scene: SceneSnapshot, settings: Settings) -> tu
     texel_map = texels.build_texel_map(scene, atlas, 2 * basis.DEGREES[settings.basis])
     shared_arrays.save_struct(folder / folders.TEXELS_FOLDER, texel_map)
     return atlas, texel_map
+
+
+def bake_folder(
+    folder: Path,
+    scene: SceneSnapshot,
+    settings: Settings,
+    should_stop: Callable[[], bool] = lambda: False,
+    name: str = "room",
+    tell: Callable[[Message], object] = lambda message: None,
+    **job: Any,
+) -> tuple[list[Message], dict[str, Any]]:
+    """Messages and result of a bake in `folder`; its images go into `images` there unless the job names another output."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_snapshot(folder / SNAPSHOT_FILE, scene)
+    Job(settings, job.pop("output", str(folder / "images")), name, **job).save(folder)
+    messages: list[Message] = []
+    bake.run_bake(folder, lambda message: (messages.append(message), tell(message)), should_stop)
+    return messages, json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+
+
+def list_files(folder: Path) -> list[str]:
+    """Names of all that lies below a folder but for the note of a kept bake."""
+    return sorted(path.name for path in folder.rglob("*") if not path.name.startswith(".leaflight_"))
 
 
 def make_solver(

@@ -8,7 +8,7 @@ from statistics import NormalDist
 
 import numpy as np
 from leaflight.core.integrate.direct import DirectScene
-from leaflight.core.lights.emitters import EmittingMeshes
+from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.lights.lights import Emitter
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.rays import RayScene
@@ -16,6 +16,8 @@ from leaflight.core.scene.scene import Light, Material, SceneSnapshot
 from leaflight.core.scene.shadow_rays import ShadowRays
 from leaflight.core.texels.texel_footprint import TexelLooks
 from leaflight.core.texels.tiles import Tiles
+from leaflight.core.transport import photons
+from leaflight.core.transport.photon_log import ShardHits
 from leaflight.core.util.geometry import UnitBox, orthonormal_basis, triangle_normals_areas
 from scenes import Mesh, make_scene, quad_mesh
 
@@ -130,3 +132,13 @@ def prepare(scene: SceneSnapshot) -> tuple[DirectScene, UnitBox, SurfaceMaterial
     normal = triangle_normals_areas(scene.tri_position)[0].T.astype(np.float32)
     shadows = ShadowRays.of(rays, surfaces, unit_box.to_unit(scene.tri_position), normal)
     return DirectScene.of(shadows, scene, unit_box, surfaces, EmittingMeshes.of(scene, surfaces)), unit_box, surfaces
+
+
+def trace_first(scene: SceneSnapshot, n_photon: int) -> tuple[ShardHits, np.ndarray]:
+    """Photons up to the first surface that they meet, and the places there, m (n, 3)."""
+    _, box, surfaces = prepare(scene)
+    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
+    trace = photons.build_trace_scene(scene, box, surfaces, emitters)
+    (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    corner, u, v = scene.tri_position[hits.tri], hits.u[:, None], hits.v[:, None]
+    return hits, corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v

@@ -86,3 +86,12 @@ def sky(empty_file: None) -> tuple[Any, Any, Any]:
     background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
     background.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
     return world, world.node_tree, background
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """The .blend of blend_rooms' room, which is open."""
+    from blend_rooms import open_room, save_scene
+
+    open_room()
+    return save_scene(tmp_path / "room.blend")

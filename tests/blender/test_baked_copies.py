@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import add_object
 from leaflight.addon.read import baked_copies, uv_layer
 from leaflight.addon.show import images, materials_write, restore
 
@@ -17,12 +18,6 @@ def make_mesh(name, material=None):
     mesh.uv_layers.new(name="UVMap")
     mesh.materials.append(material or bpy.data.materials.new(f"{name} paint"))
     return mesh
-
-
-def add_object(name, data, collection=None):
-    obj = bpy.data.objects.new(name, data)
-    (collection or bpy.context.scene.collection).objects.link(obj)
-    return obj
 
 
 def block_names():

@@ -25,12 +25,6 @@ from leaflight.core.util.messages import Done
 STAGES = {"open", "export", "load", "charts", "texels", "scene", "contacts", "direct", "photons", "write", "assign", "total"}
 
 
-@pytest.fixture
-def room(tmp_path):
-    open_room()
-    return save_scene(tmp_path / "room.blend")
-
-
 def start_process(scene, *words):
     """The command line in a process of its own."""
     argv = [sys.executable, "-m", "leaflight", "bake", str(scene), "--size", "32", *words]

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import QUICK, add_mesh, bake, list_files, open_room, read_pixels, read_report, save_scene
+from blend_rooms import QUICK, add_mesh, bake, list_files, make_material, open_room, read_pixels, read_report, save_scene
 from leaflight.addon.app import spare_images
 from leaflight.addon.app.job import BakeProcess
 from leaflight.addon.show.layout import worn_images
@@ -18,12 +18,6 @@ from leaflight.addon.ui import cli
 
 IMAGE = "room_0.combined.exr"
 TRIANGLE = [(0.0, 0.0, 1.5), (1.0, 0.0, 1.5), (1.0, 1.0, 1.5)]
-
-
-@pytest.fixture
-def room(tmp_path):
-    open_room()
-    return save_scene(tmp_path / "room.blend")
 
 
 def refuse(scene, capsys, *words):
@@ -187,9 +181,7 @@ def add_faults(value):
     add_mesh("Needle", [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (2.0, 0.0, 1.0)], [(0, 1, 2)])
     add_mesh("Twice", [(x - 1.5, y, z) for x, y, z in TRIANGLE], [(0, 1, 2), (0, 1, 2), (2, 1, 0)])
     add_mesh("Nothing", TRIANGLE, [(0, 1, 2)]).scale = (0.0, 0.0, 0.0)
-    material = bpy.data.materials.new("Tiles")
-    if material.node_tree is None:  # Blender 4.5
-        material.use_nodes = True
+    material = make_material("Tiles")
     texture = material.node_tree.nodes.new("ShaderNodeTexImage")
     texture.image = bpy.data.images.new("lost", 4, 4)
     texture.image.source, texture.image.filepath = "FILE", "//lost.png"

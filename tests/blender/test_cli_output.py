@@ -7,13 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene
-
-
-@pytest.fixture
-def room(tmp_path):
-    open_room()
-    return save_scene(tmp_path / "room.blend")
+from blend_rooms import bake, list_files, read_pixels, read_report
 
 
 def test_report_lists_each_file_with_encoding_and_range(room):

@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.nodes import derived_images
 from leaflight.addon.nodes.derived_images import AT_CORNERS, MIXED
 from leaflight.addon.nodes.node_colors import Color
@@ -34,8 +35,7 @@ class Paint:
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         bpy.ops.mesh.primitive_plane_add(size=1.0)
         self.obj = bpy.context.object
-        self.material = bpy.data.materials.new("Paint")
-        self.material.use_nodes = True
+        self.material = make_material("Paint")
         self.tree = self.material.node_tree
         self.tree.nodes.clear()
         self.obj.data.materials.append(self.material)

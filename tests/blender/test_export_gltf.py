@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import bake, list_files, open_room, read_pixels, read_report, save_scene
+from blend_rooms import bake, list_files, make_material, open_room, read_pixels, read_report, save_scene
 from leaflight.addon.app import session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.job import library_paths
@@ -29,9 +29,7 @@ def room(monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, *library_paths()])
     bpy.ops.mesh.primitive_uv_sphere_add(segments=8, ring_count=4, location=(0, 0, 1.5), radius=0.2)
     bpy.context.object.name = "Ball"
-    wood = bpy.data.materials.new("Wood")
-    if wood.node_tree is None:
-        wood.use_nodes = True
+    wood = make_material("Wood")
     wood.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.4, 0.3, 0.2, 1.0)
     bpy.data.objects["Cube"].data.materials.append(wood)
     bpy.data.scenes.new("A scene before it")
@@ -471,9 +469,7 @@ def test_a_udim_image_that_is_in_no_file_is_named(room, tmp_path, how):
         tiled.save()
         tiled.pack()
         (tmp_path / "Wood.1001.png").unlink()
-    material = bpy.data.materials.new("Planks")
-    if material.node_tree is None:  # Blender 4.5
-        material.use_nodes = True
+    material = make_material("Planks")
     group = bpy.data.node_groups.new("Look", "ShaderNodeTree")
     group.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
     picture, end = group.nodes.new("ShaderNodeTexImage"), group.nodes.new("NodeGroupOutput")

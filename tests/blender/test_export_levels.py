@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
 
@@ -271,9 +272,7 @@ def test_geometry_nodes_are_told_that_they_render():
 
 
 def add_diffuse(name, rgb):
-    material = bpy.data.materials.new(name)
-    if material.node_tree is None:
-        material.use_nodes = True
+    material = make_material(name)
     material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*rgb, 1.0)
     return material
 

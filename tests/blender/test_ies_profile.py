@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.nodes.ies_profile import UNKNOWN, find_mean, parse_mean
 from leaflight.addon.read.lights_read import read_light
 
@@ -49,8 +50,7 @@ def make_lamp(text):
 
 def bake_mean(ball):
     """Mean of Cycles' direct light over the ball."""
-    material = bpy.data.materials.new("White")
-    material.use_nodes = True
+    material = make_material("White")
     ball.data.materials.append(material)
     image = bpy.data.images.new("Target", SIDE, SIDE, float_buffer=True)
     image.colorspace_settings.name = "Linear Rec.709"

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.app.job import library_paths
 from leaflight.addon.nodes import image_files
 from leaflight.addon.nodes.images_read import ImageTable, read_pixels
@@ -34,9 +35,7 @@ def write_file(path, height=6, width=10, channels=3, seed=1):
 
 
 def wear(image, name="Base Color"):
-    material = bpy.data.materials.new("Worn")
-    if material.node_tree is None:
-        material.use_nodes = True
+    material = make_material("Worn")
     tree = material.node_tree
     node = tree.nodes.new("ShaderNodeTexImage")
     node.image = image

@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
-from blend_rooms import bake, open_room, save_scene
+from blend_rooms import bake, save_scene
 from leaflight.addon.app.marks_check import drop_broken_marks
 from leaflight.addon.show.materials_write import find_original
 
@@ -25,12 +25,6 @@ MARKS = {
     "leaflight_layout": ("scenes", [{"digest": "a", "images": {"x": 1}}, {"digest": "a", "images": {}, "warnings": "[[1, 2]]"}]),
     "leaflight_state_objects": ("scenes", ['["a", 5]', '{"a": 1}', "[" * 100_000]),
 }
-
-
-@pytest.fixture
-def room(tmp_path):
-    open_room()
-    return save_scene(tmp_path / "room.blend")
 
 
 @pytest.mark.parametrize(("mark", "kind", "values"), [(mark, kind, values) for mark, (kind, values) in MARKS.items()])

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.nodes.images_read import read_pixels
 from leaflight.addon.read.materials_read import MaterialTable
 from leaflight.core.output.image_file import srgb_to_linear
@@ -18,8 +19,7 @@ class Tree:
     """A material's node tree, wired in one line each."""
 
     def __init__(self, name="Paint"):
-        self.material = bpy.data.materials.new(name)
-        self.material.use_nodes = True
+        self.material = make_material(name)
         self.tree = self.material.node_tree
         self.tree.nodes.clear()
         self.output = self.add("OutputMaterial")

@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import add_object, make_material
 from leaflight.addon.read import uv_layer
 from leaflight.addon.show import images, materials_write
 
@@ -20,19 +21,6 @@ def plane():
     mesh.uv_layers.new(name="UVMap")
     uv_layer.write_layer(mesh, np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
     return add_object("Plane", mesh)
-
-
-def add_object(name, data):
-    obj = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(obj)
-    return obj
-
-
-def make_material(name):
-    material = bpy.data.materials.new(name)
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    return material
 
 
 def page_image(page=PAGE):

@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_mesh import read_mesh
 from leaflight.addon.read.export_scene import export_scene
@@ -34,9 +35,7 @@ def add_glow(kind, domain, output="Color", node_type="ShaderNodeAttribute"):
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (-1, 1, 0), (1, 1, 0), (0, 0, -3)], [(0, 4)], [(0, 1, 2), (1, 3, 2)])
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("Square", mesh))
-    material = bpy.data.materials.new("Glow")
-    if material.node_tree is None:  # Blender 4.5
-        material.use_nodes = True
+    material = make_material("Glow")
     tree = material.node_tree
     tree.nodes.clear()
     end, glow, node = (tree.nodes.new(name) for name in ("ShaderNodeOutputMaterial", "ShaderNodeEmission", node_type))

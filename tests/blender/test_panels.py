@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from blend_rooms import add_mesh, ask_quick_bake, open_room
+from blend_rooms import PanelContext, add_mesh, ask_quick_bake, open_room
 from leaflight.addon.app import properties
 from leaflight.addon.app.bake_state import BakeState
 from leaflight.addon.app.estimate import Estimate
@@ -52,17 +52,6 @@ class Layout:
     column = box = split = grid_flow = row
 
 
-class Context:
-    """Blender's, with a region and its scale, which it has with a window only."""
-
-    region = SimpleNamespace(width=10_000)
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={})
-    space_data = SimpleNamespace(shading=SimpleNamespace(type="SOLID", color_type="MATERIAL"))
-
-    def __getattr__(self, name):
-        return getattr(bpy.context, name)
-
-
 @pytest.fixture(autouse=True)
 def _room(tmp_path):
     """A small quick bake that has a warning: the cube has no faces."""
@@ -82,7 +71,7 @@ def state():
 def draw(context=None):
     """Labels and operators of the panel, in their order."""
     layout = Layout([], [], [])
-    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=layout), context or Context())
+    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=layout), context or PanelContext())
     return layout.labels, layout.operators
 
 
@@ -90,7 +79,7 @@ def draw_group(name):
     """Properties that the panel of a group of settings draws."""
     cls = next(cls for cls in panels.CLASSES if cls.bl_label == name)
     layout = Layout([], [], [])
-    cls.draw(type("Drawn", (cls.__mro__[1],), {"special": cls.special, "group": name, "layout": layout})(), Context())
+    cls.draw(type("Drawn", (cls.__mro__[1],), {"special": cls.special, "group": name, "layout": layout})(), PanelContext())
     return layout.props
 
 
@@ -218,7 +207,7 @@ def test_a_bake_that_failed_takes_no_numbers_from_the_one_before(state):
 
 def test_the_view_that_does_not_show_the_bake_is_switched_by_a_button():
     def is_offered(shading):
-        context = Context()
+        context = PanelContext()
         context.space_data = SimpleNamespace(shading=SimpleNamespace(**shading))
         return "leaflight.show_it" in [name for name, _ in draw(context)[1]]
 
@@ -292,7 +281,7 @@ def test_the_worst_object_is_selected_by_a_button(state):
 
 
 def test_a_number_stays_with_its_per_cent_sign():
-    context, layout_ = Context(), Layout([], [], [])
+    context, layout_ = PanelContext(), Layout([], [], [])
     context.region = SimpleNamespace(width=220)
     panel_parts.draw_sentence(layout_, context, "Worst object: Chair 1, 30 %", "NONE")
     assert layout_.labels[-1].endswith("30 %")
@@ -366,7 +355,7 @@ def test_the_papers_settings_are_shown_to_those_who_ask():
     assert research.poll(bpy.context), "a bake would heed it"
     bpy.context.scene.leaflight.basis = "linear"
     assert not research.poll(bpy.context)
-    context = Context()
+    context = PanelContext()
     asked = SimpleNamespace(preferences=SimpleNamespace(research=True))
     context.preferences = SimpleNamespace(addons={"leaflight": asked})
     assert research.poll(context)

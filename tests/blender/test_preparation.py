@@ -8,6 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.preparation import Preparation
 from leaflight.addon.app.session import prepare_steps
@@ -31,8 +32,7 @@ def cubes():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.mesh.primitive_cube_add(size=0.5)
     mesh = bpy.context.object.data
-    material = bpy.data.materials.new("Paint")
-    material.use_nodes = True
+    material = make_material("Paint")
     nodes, links = material.node_tree.nodes, material.node_tree.links
     texture, place = nodes.new("ShaderNodeTexImage"), nodes.new("ShaderNodeTexCoord")
     texture.image = bpy.data.images.new("Dots", 8, 8)

@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
+from blend_rooms import add_object, make_material
 from leaflight.addon.read import baked_copies, uv_layer
 from leaflight.addon.show import images, materials_write, restore
 
@@ -19,19 +20,6 @@ def make_mesh(name, uv_layers=("UVMap",)):
     for layer in uv_layers:
         mesh.uv_layers.new(name=layer)
     return mesh
-
-
-def make_material(name):
-    material = bpy.data.materials.new(name)
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    return material
-
-
-def add_object(name, data, collection=None):
-    obj = bpy.data.objects.new(name, data)
-    (collection or bpy.context.scene.collection).objects.link(obj)
-    return obj
 
 
 def build_scene():

@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import open_room, save_scene
+from blend_rooms import make_material, open_room, save_scene
 from leaflight.addon.read.blender_output import hold_output
 from leaflight.addon.read.scene_file import choose_scene, open_scene
 
@@ -29,9 +29,7 @@ def _room():
 
 def paint(strength, color):
     """A material for the cube that glows so."""
-    material = bpy.data.materials.new("Paint")
-    if material.node_tree is None:  # Blender 4.5
-        material.use_nodes = True
+    material = make_material("Paint")
     inputs = material.node_tree.nodes["Principled BSDF"].inputs
     inputs["Emission Strength"].default_value, inputs["Emission Color"].default_value = strength, (*color, 1.0)
     bpy.data.objects["Cube"].data.materials.append(material)

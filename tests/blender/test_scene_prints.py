@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 import leaflight
-from blend_rooms import open_room, save_scene
+from blend_rooms import PanelContext, make_material, open_room, save_scene
 from leaflight.addon.app.changes import ChangeWatch
 from leaflight.addon.show import restore
 from leaflight.addon.show.scene_prints import PRINTS, describe_changes, list_changes, print_scene, read_marked
@@ -26,8 +26,7 @@ def baked(tmp_path_factory):
     twin = bpy.data.objects["Floor"].copy()
     twin.name, twin.location.x = "Twin", 5.0
     scene.collection.objects.link(twin)
-    material = bpy.data.materials.new("Wall")
-    material.use_nodes = True
+    material = make_material("Wall")
     ramp = material.node_tree.nodes.new("ShaderNodeValToRGB")
     material.node_tree.links.new(material.node_tree.nodes["Principled BSDF"].inputs["Base Color"], ramp.outputs[0])
     cube.data.materials.append(material)
@@ -137,17 +136,7 @@ def draw():
 
             return call
 
-    class Context:
-        """Blender's, with what it has with a window only."""
-
-        region = SimpleNamespace(width=10_000)
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={})
-        space_data = SimpleNamespace(shading=SimpleNamespace(type="SOLID", color_type="MATERIAL"))
-
-        def __getattr__(self, name):
-            return getattr(bpy.context, name)
-
-    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=Layout()), Context())
+    panels.LEAFLIGHT_PT_main.draw(SimpleNamespace(layout=Layout()), PanelContext())
     return " ".join(texts)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_mesh
+from blend_rooms import add_mesh, make_material
 from leaflight.addon.nodes import socket_bake
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
@@ -24,9 +24,7 @@ def add_floor(name="Floor", size=4.0):
 
 
 def add_material(obj, name="Paint"):
-    material = bpy.data.materials.new(name)
-    if material.node_tree is None:
-        material.use_nodes = True
+    material = make_material(name)
     obj.data.materials.append(material)
     tree = material.node_tree
     return material, tree, tree.nodes["Principled BSDF"]

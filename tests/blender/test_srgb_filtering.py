@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.nodes.srgb_filtering import refine_srgb
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.textures import sample_texture
@@ -26,9 +27,7 @@ def show_image(width=5, height=3, space="sRGB", floating=False, is_packed=True, 
     image.pixels.foreach_set(pixels.ravel())
     if is_packed:
         image.pack()
-    material = bpy.data.materials.new("Glow")
-    if material.node_tree is None:
-        material.use_nodes = True
+    material = make_material("Glow")
     bpy.context.object.data.materials.append(material)
     tree = material.node_tree
     tree.nodes.clear()

@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.nodes import socket_bake
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.normal_maps import NormalMaps
@@ -41,9 +42,7 @@ def wear_normal_map(obj, space="Non-Color", strength=1.0, bumps=None):
     pixels[..., :2] = bumps
     image.colorspace_settings.name = space  # before the pixels: a generated image is made anew by it
     image.pixels.foreach_set(pixels.ravel())
-    material = bpy.data.materials.new("Paint")
-    if material.node_tree is None:
-        material.use_nodes = True
+    material = make_material("Paint")
     obj.data.materials.append(material)
     tree = material.node_tree
     texture, node = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeNormalMap")

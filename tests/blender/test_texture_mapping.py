@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_material
 from leaflight.addon.read.export_scene import export_scene
 
 SIDE = 64  # of what Cycles bakes
@@ -20,8 +21,7 @@ def make_stage(kind):
     if kind == "deformed":
         modifier = obj.modifiers.new("Bend", "SIMPLE_DEFORM")
         modifier.deform_method, modifier.factor = "TAPER", 0.5
-    material = bpy.data.materials.new("Paint")
-    material.use_nodes = True
+    material = make_material("Paint")
     material.node_tree.nodes.clear()
     obj.data.materials.append(material)
     return obj, material.node_tree

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_mesh
+from blend_rooms import add_mesh, make_material
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import DIFFUSE, GLOSSY, SHADOW, TRANSMISSION
@@ -22,8 +22,7 @@ class Tree:
     """A material's nodes."""
 
     def __init__(self, name="Leaf"):
-        self.material = bpy.data.materials.new(name)
-        self.material.use_nodes = True
+        self.material = make_material(name)
         self.nodes, self.links = self.material.node_tree.nodes, self.material.node_tree.links
         self.nodes.clear()
         self.output = self.nodes.new("ShaderNodeOutputMaterial")

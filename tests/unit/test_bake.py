@@ -1,6 +1,5 @@
 """A whole bake: the folder that goes in, the files and the result that come out, and what is left when it fails."""
 
-import json
 import math
 from contextlib import nullcontext
 from dataclasses import replace
@@ -8,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boxes import lamp_scene, room_mesh
+from boxes import bake_folder, lamp_scene, list_files, room_mesh
 from leaflight.core.bake import bake, preview, solve
 from leaflight.core.bake.checkpoint import read_info
 from leaflight.core.output import resolve
@@ -35,21 +34,6 @@ def patient(monkeypatch):
     monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", math.inf)
 
 
-def bake_scene(folder, scene, settings=QUICK, output="", should_stop=lambda: False, **job):
-    """Messages and result of a bake in `folder`."""
-    folder.mkdir(exist_ok=True)
-    save_snapshot(folder / SNAPSHOT_FILE, scene)
-    Job(settings, output or str(folder / "images"), "room", **job).save(folder)
-    messages = []
-    bake.run_bake(folder, messages.append, should_stop)
-    return messages, json.loads((folder / RESULT_FILE).read_text())
-
-
-def list_files(folder):
-    """All but the note of kept_bake."""
-    return sorted(path.name for path in Path(folder).rglob("*") if not path.name.startswith(".leaflight_"))
-
-
 def test_trees_begin_finer_below_a_ball(tmp_path, monkeypatch):
     trees = []
     run = solve.Solver.run
@@ -57,7 +41,7 @@ def test_trees_begin_finer_below_a_ball(tmp_path, monkeypatch):
     ball = replace(moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2)), receives=False)
     scene = make_scene([quad_mesh("Floor"), ball], [Light("POINT", "Lamp", (0.5, 0.5, 2.0), power_rgb=(9.0,) * 3)])
     for name, contact in (("on", True), ("off", False)):
-        bake_scene(tmp_path / name, scene, replace(QUICK, size=128, contact=contact))
+        bake_folder(tmp_path / name, scene, replace(QUICK, size=128, contact=contact))
     (fine, rising), (coarse, nothing) = trees
     assert rising.any()
     assert not nothing.any()
@@ -68,7 +52,7 @@ def test_trees_begin_finer_below_a_ball(tmp_path, monkeypatch):
 def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):
     lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 10.0, 10.0), radius_m=0.02)
     scene = make_scene([room_mesh()], [lamp], [Material("White", (0.99,) * 3)])
-    messages, result = bake_scene(tmp_path, scene, replace(QUICK, max_photons=2000, max_depth=150))
+    messages, result = bake_folder(tmp_path, scene, replace(QUICK, max_photons=2000, max_depth=150))
     told = [message.text for message in messages if isinstance(message, Warning_)]
     assert len(told) == 1
     lost = result["energy_audit_w"]["remainder"][0] / result["energy_audit_w"]["emitted"][0]
@@ -78,7 +62,7 @@ def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):
 
 def test_files_and_result_say_the_same(tmp_path):
     settings = replace(QUICK, passes=("combined", "indirect"), formats=("exr", "png"))
-    messages, result = bake_scene(tmp_path, lamp_scene(), settings)
+    messages, result = bake_folder(tmp_path, lamp_scene(), settings)
     names = [f"room_0.{name}.{kind}" for name in ("combined", "indirect") for kind in ("exr", "png")]
     assert [Path(file["path"]).name for file in result["files"]] == names
     assert list_files(tmp_path / "images") == names
@@ -99,7 +83,7 @@ def test_seams_are_closed_and_told_unless_they_are_off_or_have_no_margin(tmp_pat
     scene, settings = shade_smooth(make_scene([sphere_mesh()], [lamp])), replace(QUICK, size=64, passes=("direct",))
     told, pages = {}, {}
     for name, knobs in {"on": {}, "off": {"seams": False}, "bare": {"margin": 0}}.items():
-        _, result = bake_scene(tmp_path / name, scene, replace(settings, **knobs))
+        _, result = bake_folder(tmp_path / name, scene, replace(settings, **knobs))
         told[name], pages[name] = result["seams"], read_image(Path(result["files"][0]["path"]))[0]
     assert told["on"]["edges"] > 20
     assert told["on"]["step_after"] < 0.5 * told["on"]["step_before"]
@@ -113,7 +97,7 @@ def test_seams_are_closed_and_told_unless_they_are_off_or_have_no_margin(tmp_pat
 
 def test_every_pass_and_kind_of_a_bake_can_be_read(tmp_path):
     """Debug passes among them; their numbers are those of the bake."""
-    _, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, passes=PASSES, formats=IMAGE_FORMATS))
+    _, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, passes=PASSES, formats=IMAGE_FORMATS))
     assert len(result["files"]) == len(PASSES) * len(IMAGE_FORMATS)
     found = {}
     for file in result["files"]:
@@ -129,7 +113,7 @@ def test_every_pass_and_kind_of_a_bake_can_be_read(tmp_path):
 
 
 def test_rows_of_objects_are_those_of_the_image(tmp_path):
-    _, result = bake_scene(tmp_path, lamp_scene())
+    _, result = bake_folder(tmp_path, lamp_scene(), QUICK)
     assert [(row["name"], row["page"]) for row in result["objects"]] == [("Floor", 0), ("Block", 0)]
     assert [row["charts"] for row in result["objects"]] == [1, 6]
     pixels, metadata = read_image(Path(result["files"][0]["path"]))
@@ -144,7 +128,7 @@ def test_a_folder_can_be_used_again(tmp_path):
     dark = replace(bright, lights=(replace(bright.lights[0], power_rgb=(1.0, 0.5, 0.25)),))
     means = []
     for scene in (bright, dark):
-        bake_scene(tmp_path, scene, replace(QUICK, direct="photons", passes=("lighting",)))
+        bake_folder(tmp_path, scene, replace(QUICK, direct="photons", passes=("lighting",)))
         means.append(read_image(tmp_path / "images" / "room_0.lighting.exr")[0][..., 0].mean())
     assert means[0] == pytest.approx(10 * means[1], rel=0.01)
 
@@ -163,7 +147,7 @@ def test_a_bake_that_is_stopped_before_there_is_light_has_nothing_to_show(tmp_pa
 
 def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
-    messages, _ = bake_scene(tmp_path, lamp_scene())
+    messages, _ = bake_folder(tmp_path, lamp_scene(), QUICK)
     for stage, text in (("texels", "Measuring texels"), ("contacts", "Looking for contacts")):
         said = [message for message in messages if isinstance(message, Status) and message.stage == stage]
         assert said[0].text == text
@@ -174,7 +158,7 @@ def test_how_far_texels_and_contacts_have_come_is_told(tmp_path, monkeypatch):
 def test_how_far_the_unwrapping_has_come_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", -1.0)
     sun = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
-    messages, _ = bake_scene(tmp_path, make_scene([quad_mesh("One"), moved(quad_mesh("Two"), (2.0, 0.0, 0.0))], [sun]))
+    messages, _ = bake_folder(tmp_path, make_scene([quad_mesh("One"), moved(quad_mesh("Two"), (2.0, 0.0, 0.0))], [sun]), QUICK)
     told = [message.text for message in messages if isinstance(message, Status) and message.stage == "charts"]
     assert told == ["Unwrapping", "Unwrapping, 0%: One", "Unwrapping, 50%: Two"]
 
@@ -227,13 +211,13 @@ def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path, plac
 def test_objects_that_do_not_receive_get_no_row_and_no_texel(tmp_path):
     scene = lamp_scene()
     objects = (scene.objects[0], replace(scene.objects[1], receives=False))
-    _, result = bake_scene(tmp_path, replace(scene, objects=objects))
+    _, result = bake_folder(tmp_path, replace(scene, objects=objects), QUICK)
     assert [row["name"] for row in result["objects"]] == ["Floor"]
     assert result["files"][0]["objects"] == [0]
 
 
 def test_the_result_tells_the_error_of_each_object_and_whose_error_ended_the_bake(tmp_path):
-    _, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, error=0.2, max_photons=10**6, error_of="objects"))
+    _, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, error=0.2, max_photons=10**6, error_of="objects"))
     errors = [row["estimated_error"] for row in result["objects"]]
     assert result["error_of"] == "objects"
     assert min(errors) > 0.0
@@ -242,7 +226,7 @@ def test_the_result_tells_the_error_of_each_object_and_whose_error_ended_the_bak
 
 def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_path, patient):
     """One round of photons then carries what the shadow rays had not finished."""
-    said, result = bake_scene(tmp_path, lamp_scene(), replace(QUICK, direct="rays"), should_stop=lambda: True)
+    said, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, direct="rays"), should_stop=lambda: True)
     pixels, _ = read_image(result["files"][0]["path"])
     assert said[-1].interrupted
     assert (result["stopped_by"], result["rounds"]) == ("interrupted", 1)
@@ -254,7 +238,7 @@ def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch):
     monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
     settings, files = replace(QUICK, error=0.02, max_photons=600_000), []
     for name, with_preview in (("with", True), ("without", False)):
-        messages, result = bake_scene(tmp_path / name, lamp_scene(), settings, preview=with_preview)
+        messages, result = bake_folder(tmp_path / name, lamp_scene(), settings, preview=with_preview)
         files.append((tmp_path / name / "images" / "room_0.combined.exr").read_bytes())
         shown = [message for message in messages if isinstance(message, Preview)]
         assert len(shown) == (result["rounds"] if with_preview else 0)  # the first light, and each round but the last
@@ -268,17 +252,17 @@ def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch):
 
 def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path, patient):
     settings, kept = replace(QUICK, error=1e-4, max_photons=600_000), str(tmp_path / "kept")
-    _, whole = bake_scene(tmp_path / "whole", lamp_scene(), settings)
+    _, whole = bake_folder(tmp_path / "whole", lamp_scene(), settings)
     asked = []
 
     def stop_in_the_first_round():
         asked.append(True)
         return len(asked) > 1  # the first time is that of direct light's only shard
 
-    _, part = bake_scene(tmp_path / "part", lamp_scene(), settings, should_stop=stop_in_the_first_round, keep=kept)
+    _, part = bake_folder(tmp_path / "part", lamp_scene(), settings, should_stop=stop_in_the_first_round, keep=kept)
     assert part["stopped_by"] == "interrupted"
     assert read_info(Path(kept)).photons == part["photons"] < whole["photons"]
-    messages, rest = bake_scene(tmp_path / "rest", lamp_scene(), settings, resume=kept, keep=kept, preview=True)
+    messages, rest = bake_folder(tmp_path / "rest", lamp_scene(), settings, resume=kept, keep=kept, preview=True)
     images = [(tmp_path / name / "images" / "room_0.combined.exr").read_bytes() for name in ("whole", "part", "rest")]
     assert images[0] == images[2] != images[1]
     assert (rest["photons"], rest["rays"], rest["energy_audit_w"]) == (whole["photons"], whole["rays"], whole["energy_audit_w"])
@@ -291,23 +275,23 @@ def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_p
     """Light is told of texels by their places, which cut charts move."""
     settings = replace(QUICK, max_depth=1)  # whatever is asked for
     kept = str(tmp_path / "kept")
-    bake_scene(tmp_path / "all", lamp_scene(), replace(settings, passes=("direct", "combined")), keep=kept)
-    bake_scene(tmp_path / "rest", lamp_scene(), replace(settings, passes=("direct",)), resume=kept)
+    bake_folder(tmp_path / "all", lamp_scene(), replace(settings, passes=("direct", "combined")), keep=kept)
+    bake_folder(tmp_path / "rest", lamp_scene(), replace(settings, passes=("direct",)), resume=kept)
     one, other = (read_image(tmp_path / name / "images" / "room_0.direct.exr")[0] for name in ("all", "rest"))
     np.testing.assert_array_equal(one, other)
 
 
 def test_stopped_before_direct_light_is_done_there_is_nothing_to_go_on_from(tmp_path, patient):
     kept = tmp_path / "kept"
-    bake_scene(tmp_path, lamp_scene(), keep=str(kept))
+    bake_folder(tmp_path, lamp_scene(), QUICK, keep=str(kept))
     assert read_info(kept)
-    bake_scene(tmp_path, lamp_scene(), should_stop=lambda: True, keep=str(kept))
+    bake_folder(tmp_path, lamp_scene(), QUICK, should_stop=lambda: True, keep=str(kept))
     assert not kept.exists()
 
 
 def test_a_state_that_cannot_be_kept_is_a_warning(tmp_path):
     (tmp_path / "kept").touch()
-    messages, result = bake_scene(tmp_path, lamp_scene(), keep=str(tmp_path / "kept"))
+    messages, result = bake_folder(tmp_path, lamp_scene(), QUICK, keep=str(tmp_path / "kept"))
     assert [message.text for message in messages if isinstance(message, Warning_)] == [
         f"{tmp_path / 'kept'}: the bake's state cannot be kept there (File exists); make room, or bake again."
     ]

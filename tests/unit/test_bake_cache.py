@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boxes import lamp_scene
+from boxes import bake_folder, lamp_scene
 from leaflight.core.atlas.chart_cache import find_charts_file
-from leaflight.core.bake import bake, bake_cache
+from leaflight.core.bake import bake_cache
 from leaflight.core.bake.checkpoint import INFO_FILE
 from leaflight.core.scene.scene import Material
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, Job
 from leaflight.core.util.messages import Warning_
 from leaflight.core.util.settings import Settings
 
@@ -23,13 +22,8 @@ QUICK = Settings(size=16, padding=1, workers=1, error=0.9, max_photons=2000, pas
 
 def bake_job(folder, settings=QUICK, should_stop=lambda: False, **more):
     """A bake in `folder` with its images in `folder`/images and `more` in its job; its job, messages and result."""
-    folder.mkdir(exist_ok=True)
-    save_snapshot(folder / SNAPSHOT_FILE, SCENE)
-    job = Job(settings, str(folder / "images"), "room: 1", **more)
-    job.save(folder)
-    messages = []
-    bake.run_bake(folder, messages.append, should_stop)
-    return job, messages, json.loads((folder / RESULT_FILE).read_text())
+    messages, result = bake_folder(folder, SCENE, settings, should_stop, "room: 1", **more)
+    return Job.load(folder), messages, result
 
 
 @pytest.fixture

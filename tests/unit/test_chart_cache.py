@@ -1,18 +1,14 @@
 """Charts of the last bake: what is known is not unwrapped again, and is the same."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from boxes import lamp_scene
+from boxes import bake_folder, lamp_scene
 from leaflight.core.atlas import chart_cache
 from leaflight.core.atlas.chart_cache import ChartCache
 from leaflight.core.atlas.chart_search import find_charts
-from leaflight.core.bake import bake
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Warning_
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, grid_mesh, make_scene, moved, sphere_mesh
@@ -37,11 +33,9 @@ def bake_lamp(tmp_path):
 
     def bake_lamp(images="images", power=(10.0, 5.0, 2.5), **knobs):
         scene = lamp_scene()
-        save_snapshot(tmp_path / SNAPSHOT_FILE, replace(scene, lights=(replace(scene.lights[0], power_rgb=power),)))
-        Job(replace(QUICK, **knobs), str(tmp_path / images), "room").save(tmp_path)
-        told = []
-        bake.run_bake(tmp_path, told.append, lambda: False)
-        return json.loads((tmp_path / RESULT_FILE).read_text()), [message.text for message in told if isinstance(message, Warning_)]
+        scene = replace(scene, lights=(replace(scene.lights[0], power_rgb=power),))
+        told, result = bake_folder(tmp_path, scene, replace(QUICK, **knobs), output=str(tmp_path / images))
+        return result, [message.text for message in told if isinstance(message, Warning_)]
 
     return bake_lamp
 

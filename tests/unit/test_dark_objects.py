@@ -1,17 +1,13 @@
 """A bake that finds no light ends soon, and says which objects are dark and why."""
 
-import json
 import math
 from dataclasses import replace
 
 import pytest
-from boxes import room_mesh
-from leaflight.core.bake.bake import run_bake
+from boxes import bake_folder, room_mesh
 from leaflight.core.scene.dark_places import describe_dark
 from leaflight.core.scene.light_probe import LightProbe
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Warning_
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
@@ -24,13 +20,9 @@ SUN = Light("SUN", "Sun", power_rgb=(3.0,) * 3)
 
 def bake(folder, scene, **settings):
     """Warnings and result."""
-    save_snapshot(folder / SNAPSHOT_FILE, scene)
     chosen = Settings(size=16, padding=1, workers=1, error=0.02, passes=("lighting",), sides="front", **settings)
-    Job(chosen, str(folder / "images"), "room").save(folder)
-    messages = []
-    run_bake(folder, messages.append, lambda: False)
-    told = [(message.subject, message.text) for message in messages if isinstance(message, Warning_)]
-    return told, json.loads((folder / RESULT_FILE).read_text())
+    messages, result = bake_folder(folder, scene, chosen)
+    return [(message.subject, message.text) for message in messages if isinstance(message, Warning_)], result
 
 
 def describe(scene):

@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid
+from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid, trace_first
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
-from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.lights.irradiance import polygon_irradiance
 from leaflight.core.scene.scene import Light, SceneSnapshot
-from leaflight.core.transport import photons
 from scenes import box_mesh, grid_mesh, moved, quad_mesh
 
 SIDE = 32
@@ -134,15 +132,10 @@ SECOND_OPINIONS = {
 @pytest.mark.parametrize("name", SECOND_OPINIONS)
 def test_photons_say_the_same(name):
     """Over the 8 x 8 parts of the floor, within the photons' Poisson noise and 2 % of our own."""
-    scene, n_photon = SECOND_OPINIONS[name], 300_000
-    _, box, surfaces = prepare(scene)
-    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
-    trace = photons.build_trace_scene(scene, box, surfaces, emitters)
-    (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    scene = SECOND_OPINIONS[name]
+    hits, place = trace_first(scene, 300_000)
     on_floor = hits.tri < 2
-    corner = scene.tri_position[hits.tri[on_floor]]
-    u, v = hits.u[on_floor, None], hits.v[on_floor, None]
-    place = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+    place = place[on_floor]
     flux = hits.flux_rgb[0, on_floor].astype(float)
     shape = {"bins": 8, "range": [[0, 1], [0, 1]]}
     counted = np.histogram2d(place[:, 1], place[:, 0], weights=flux, **shape)[0] * 64

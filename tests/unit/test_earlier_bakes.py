@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from leaflight.core.bake import bake, bake_cache
+from boxes import bake_folder
+from leaflight.core.bake import bake_cache
 from leaflight.core.bake.earlier_bakes import find_others, read_notes
 from leaflight.core.scene.scene import Light
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import SNAPSHOT_FILE, Job
+from leaflight.core.util.job import Job
 from leaflight.core.util.messages import Status, Warning_
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, moved, quad_mesh
@@ -26,13 +26,9 @@ PAGES = ["room_0.combined.exr", "room_1.combined.exr", "room_2.combined.exr"]
 def run(tmp_path):
     """Bakes into one folder; gives what is told of files that are left over, and the messages."""
     (tmp_path / "room.blend").touch()
-    images = tmp_path / "images"
 
     def run(settings=QUICK, name="room", blend="room.blend", should_stop=lambda: False):
-        save_snapshot(tmp_path / SNAPSHOT_FILE, SCENE)
-        Job(settings, str(images), name, blend=str(tmp_path / blend) if blend else "").save(tmp_path)
-        messages = []
-        bake.run_bake(tmp_path, messages.append, should_stop)
+        messages, _ = bake_folder(tmp_path, SCENE, settings, should_stop, name, blend=str(tmp_path / blend) if blend else "")
         return [text for text in list_warnings(messages) if "old lightmap" in text], messages
 
     return run

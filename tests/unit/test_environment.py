@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
+from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
-from leaflight.core.lights.emitters import NO_LIGHT, EmittingMeshes, build_emitters
+from leaflight.core.lights.emitters import NO_LIGHT
 from leaflight.core.lights.environment import Environment
 from leaflight.core.lights.environment_table import EnvironmentTable
 from leaflight.core.scene.scene import SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
-from leaflight.core.transport import photons
 from leaflight.core.util.brightness import weigh_channels
 from leaflight.core.util.sampling import square_to_uniform_sphere
 from leaflight.core.util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
@@ -122,7 +121,7 @@ class TestKnownSkies:
 
     def test_a_black_map_is_no_light(self):
         with pytest.raises(ValueError, match=NO_LIGHT):
-            trace_scene(under(np.zeros((4, 8, 3), np.float32)))
+            trace_first(under(np.zeros((4, 8, 3), np.float32)), 10)
 
     def test_what_is_not_a_radiance_counts_as_none(self):
         bad = np.ones((4, 8, 3), np.float32)
@@ -131,23 +130,13 @@ class TestKnownSkies:
         np.testing.assert_allclose(light_floor(under(bad)), light_floor(under(good)), rtol=0.02, atol=1e-12)
 
 
-def trace_scene(scene: SceneSnapshot):
-    _, box, surfaces = prepare(scene)
-    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
-    return photons.build_trace_scene(scene, box, surfaces, emitters)
-
-
 @pytest.mark.parametrize("shape", [(24, 50), (1, 1)])
 def test_photons_say_the_same(shape):
     """Over the 8 x 8 parts of a floor with a block above it."""
-    scene, n_photon = under(bumpy(*shape), BLOCK), 400_000
-    trace = trace_scene(scene)
-    (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    scene = under(bumpy(*shape), BLOCK)
+    hits, place = trace_first(scene, 400_000)
     on_floor = hits.tri < 2
-    corner = scene.tri_position[hits.tri[on_floor]]
-    u, v = hits.u[on_floor, None], hits.v[on_floor, None]
-    spot = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
-    part = np.minimum((spot[:, :2] * 8).astype(int), 7) @ [1, 8]
+    part = np.minimum((place[on_floor, :2] * 8).astype(int), 7) @ [1, 8]
     flux = hits.flux_rgb[:, on_floor].T.astype(float)
     by_photons = np.stack([np.bincount(part, channel, 64) for channel in flux.T], axis=1) * 64
     x, y = part_bits(np.arange(SIDE**2))

@@ -1,36 +1,18 @@
 """Room for images before a bake, and where they go when the output folder fails at its end."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from boxes import lamp_scene
-from leaflight.core.bake import bake
+from boxes import bake_folder, lamp_scene, list_files
 from leaflight.core.output.image_file import read_image
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.job import RESULT_FILE
 from leaflight.core.util.messages import Done, Status, Warning_
 from leaflight.core.util.settings import Settings
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
-
-
-def bake_scene(folder, scene, settings=QUICK, output="", tell=None):
-    """Messages and result of a bake in `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    save_snapshot(folder / SNAPSHOT_FILE, scene)
-    Job(settings, output or str(folder / "images"), "room").save(folder)
-    messages = []
-    bake.run_bake(folder, lambda message: messages.append(message) or (tell and tell(message)), lambda: False)
-    return messages, json.loads((folder / RESULT_FILE).read_text())
-
-
-def list_files(folder):
-    """All but the note of kept_bake."""
-    return sorted(path.name for path in Path(folder).rglob("*") if not path.name.startswith(".leaflight_"))
 
 
 @pytest.fixture
@@ -46,14 +28,12 @@ def test_what_cannot_be_written_at_the_end_is_kept_elsewhere(tmp_path, spare_hom
     images = tmp_path / "images"
 
     def tell(message):
-        if message == Status("write", "Writing images") and images.is_dir():
-            for file in images.iterdir():
-                file.unlink()
-            images.rmdir()
+        if message == Status("write", "Writing images"):
+            shutil.rmtree(images)
             images.write_text("in the way")
 
     settings = replace(QUICK, passes=("combined", "albedo"))
-    messages, result = bake_scene(tmp_path / "temporary" / "job", lamp_scene(), settings, str(images), tell)
+    messages, result = bake_folder(tmp_path / "temporary" / "job", lamp_scene(), settings, tell=tell, output=str(images))
     spare = Path(result["spare"])
     assert spare.parent == tmp_path / "temporary"
     assert list_files(spare) == ["room_0.albedo.exr", "room_0.combined.exr"]
@@ -68,7 +48,7 @@ def test_half_a_bake_is_not_left_behind(tmp_path, spare_home):
     blocked = tmp_path / "job" / "images" / "room_0.emission.exr"
     blocked.mkdir(parents=True)  # a folder where the second image should go
     settings = replace(QUICK, passes=("combined", "emission", "albedo"))
-    _, result = bake_scene(tmp_path / "job", lamp_scene(), settings)
+    _, result = bake_folder(tmp_path / "job", lamp_scene(), settings)
     assert list_files(tmp_path / "job" / "images") == [blocked.name]
     assert len(list_files(Path(result["spare"]))) == 3
 
@@ -79,7 +59,7 @@ def test_where_nothing_can_be_written_anywhere_the_first_reason_is_told(tmp_path
 
     monkeypatch.setattr("leaflight.core.output.image_file.write_image", fail)
     with pytest.raises(OSError, match=r"job/images/room_0\.combined\.exr: cannot be written \(planted\)"):
-        bake_scene(tmp_path / "job", lamp_scene())
+        bake_folder(tmp_path / "job", lamp_scene(), QUICK)
     assert not (tmp_path / "job" / RESULT_FILE).exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "job"]
     assert list_files(spare_home) == []
@@ -93,9 +73,9 @@ def test_too_little_room_is_told_before_the_light_is_computed(tmp_path, monkeypa
     settings = replace(QUICK, passes=("combined", "albedo"), formats=("exr", "png"))
     if refused:
         with pytest.raises(OSError, match=r"images: has room for 1 kB, and the images may take 25 kB; make room, choose another output"):
-            bake_scene(tmp_path, lamp_scene(), settings)
+            bake_folder(tmp_path, lamp_scene(), settings)
         return
-    messages, _ = bake_scene(tmp_path, lamp_scene(), settings)
+    messages, _ = bake_folder(tmp_path, lamp_scene(), settings)
     told = [number for number, message in enumerate(messages) if isinstance(message, Warning_) and "has room for" in message.text]
     lit = next(number for number, message in enumerate(messages) if isinstance(message, Status) and message.stage == "photons")
     assert len(told) == (refused is False)

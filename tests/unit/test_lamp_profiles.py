@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, floor_tiles, lit_scene, prepare
+from floors import floor_looks, floor_tiles, lit_scene, prepare, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
-from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
-from leaflight.core.transport import photons
 from leaflight.core.util.sphere_map import find_middles, find_solid_angles
 
 SIDE, SHAPE, HEIGHT_M = 32, (128, 256), 0.8
@@ -78,12 +76,7 @@ def test_a_lamp_that_is_turned_turns_its_profile():
 @pytest.mark.parametrize("options", [{}, {"radius_m": 0.1}, {"radius_m": 0.1, "soft_falloff": False}], ids=["sharp", "soft", "sphere"])
 def test_photons_bring_what_shadow_rays_find(options):
     scene = lamp_scene(LOBED, rotation=((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)), **options)
-    _, box, surfaces = prepare(scene)
-    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
-    trace = photons.build_trace_scene(scene, box, surfaces, emitters)
-    (hits,) = photons.trace_shard(trace, 300_000, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
-    corner, u, v = scene.tri_position[hits.tri], hits.u[:, None], hits.v[:, None]
-    place = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+    hits, place = trace_first(scene, 300_000)
     counted, _, _ = np.histogram2d(place[:, 1], place[:, 0], bins=4, range=[[0, 1], [0, 1]], weights=hits.flux_rgb[0].astype(float) * 16)
     found = by_rays(scene)[..., 0].reshape(4, SIDE // 4, 4, -1).mean(axis=(1, 3))
     assert counted.mean() == pytest.approx(found.mean(), rel=0.01)

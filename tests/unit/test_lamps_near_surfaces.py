@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
+from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
-from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
-from leaflight.core.transport import photons
 from scenes import box_mesh
 
 SIDE, PARTS, N_PHOTON = 32, 4, 150_000
@@ -34,13 +32,9 @@ def lamp_scene(height_m: float, options: dict, others: tuple) -> SceneSnapshot:
 
 def by_photons(scene: SceneSnapshot) -> tuple[np.ndarray, np.ndarray]:
     """(PARTS, PARTS): irradiance of parts of the floor, and its standard error."""
-    _, box, surfaces = prepare(scene)
-    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
-    trace = photons.build_trace_scene(scene, box, surfaces, emitters)
-    (hits,) = photons.trace_shard(trace, N_PHOTON, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
+    hits, place = trace_first(scene, N_PHOTON)
     on_floor = hits.tri < 2
-    corner, u, v = scene.tri_position[hits.tri[on_floor]], hits.u[on_floor, None], hits.v[on_floor, None]
-    place = corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+    place = place[on_floor]
     flux, shape = hits.flux_rgb[0, on_floor].astype(float), {"bins": PARTS, "range": [[0, 1], [0, 1]]}
     value, square = (np.histogram2d(place[:, 1], place[:, 0], weights=flux**power, **shape)[0] for power in (1, 2))
     return value * PARTS**2, np.sqrt(square) * PARTS**2
@@ -68,10 +62,5 @@ def test_a_lamp_in_the_open_needs_no_more_rays():
     counts = []
     for radius_m in (0.0, 0.2):
         lamp = Light("POINT", "Lamp", (0.5, 0.5, 0.5), power_rgb=(10.0, 10.0, 10.0), radius_m=radius_m)
-        scene = lit_scene((), [lamp])
-        _, box, surfaces = prepare(scene)
-        emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
-        trace = photons.build_trace_scene(scene, box, surfaces, emitters)
-        (hits,) = photons.trace_shard(trace, 1000, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
-        counts.append(hits.counters.rays)
+        counts.append(trace_first(lit_scene((), [lamp]), 1000)[0].counters.rays)
     assert counts[0] == counts[1]

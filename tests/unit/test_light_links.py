@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from floors import lit_scene, prepare
-from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
+from floors import lit_scene, trace_first
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.transport import photons
 from leaflight.core.transport.photon_log import ShardHits
 from scenes import box_mesh
 
@@ -22,11 +19,7 @@ def trace(material: Material, **choices) -> ShardHits:
     """10,000 photons of a sun that shines on a floor and a block, up to the first surface."""
     sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3, angle_rad=0.1, **choices)
     scene = replace(lit_scene([BLOCK], [sun]), materials=(material, material))
-    _, box, surfaces = prepare(scene)
-    emitters, _ = build_emitters(scene, box, surfaces, EmittingMeshes.of(scene, surfaces))
-    built = photons.build_trace_scene(scene, box, surfaces, emitters)
-    (hits,) = photons.trace_shard(built, 10_000, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
-    return hits
+    return trace_first(scene, 10_000)[0]
 
 
 def test_metal_sees_what_glossy_rays_see():

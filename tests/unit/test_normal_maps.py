@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boxes import bake_folder
 from leaflight.core import solve
-from leaflight.core.bake.bake import run_bake
 from leaflight.core.lights.direct_points import shade_bumps
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.normal_maps import NormalMaps
 from leaflight.core.scene.scene import Light, Material, TextureImage
 from leaflight.core.scene.sides import turn
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, quad_mesh
 
@@ -107,11 +105,8 @@ def test_without_bumps_nothing_is_hidden_however_numbers_round():
 
 def bake_lighting(folder, scene, **settings):
     """(h, w) of a page that the square fills but for its rim."""
-    folder.mkdir()
-    save_snapshot(folder / SNAPSHOT_FILE, scene)
     chosen = Settings(size=16, padding=1, workers=1, error=0.05, max_photons=20_000, passes=("lighting",), sides="front", **settings)
-    Job(chosen, str(folder / "images"), "room").save(folder)
-    run_bake(folder, lambda _: None, lambda: False)
+    bake_folder(folder, scene, chosen)
     [path] = (folder / "images").glob("*.exr")
     return read_image(path)[0][4:-4, 4:-4, 0]
 

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import room_mesh
-from leaflight.core.bake.bake import run_bake
+from boxes import bake_folder, room_mesh
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.scene import Light, Material, swap_corners
 from leaflight.core.scene.sides import OPEN, TURNED, settle_sides, turn
-from leaflight.core.scene.snapshot import save_snapshot
-from leaflight.core.util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
+from leaflight.core.util.job import LAYOUT_FILE
 from leaflight.core.util.messages import Warning_
 from leaflight.core.util.settings import AUTOMATIC, BOTH, FRONT, Settings
 from scenes import box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh
@@ -162,12 +160,8 @@ def test_turning_swaps_all_that_is_at_corners():
 
 def bake(folder, scene, **settings):
     """The lighting page, and where its triangles lie in Blender's order of corners."""
-    folder.mkdir()
-    save_snapshot(folder / SNAPSHOT_FILE, scene)
     chosen = Settings(size=64, padding=1, workers=1, error=0.3, max_photons=20_000, passes=("lighting",), **settings)
-    Job(chosen, str(folder / "images"), "room").save(folder)
-    messages = []
-    run_bake(folder, messages.append, lambda: False)
+    messages, _ = bake_folder(folder, scene, chosen)
     [path] = (folder / "images").glob("*.exr")
     with np.load(folder / LAYOUT_FILE) as layout:
         return read_image(path)[0][..., :3], layout["tri_uv"], {message.text for message in messages if isinstance(message, Warning_)}

@@ -1,19 +1,15 @@
 """What a bake does not need is not done, the images are the same, and the report counts it."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import lamp_scene
-from leaflight.core.bake import bake
+from boxes import bake_folder, lamp_scene
 from leaflight.core.bake.work_plan import WorkPlan
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Light, Material, TextureImage
-from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
-from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Status
 from leaflight.core.util.settings import Settings
 
@@ -24,12 +20,7 @@ GREY, BLACK = lamp_scene(), lamp_scene(rho=0.0)
 
 def bake_scene(folder, scene, **knobs):
     """Result, stages and pictures of a bake by pass."""
-    folder.mkdir()
-    save_snapshot(folder / SNAPSHOT_FILE, scene)
-    Job(replace(QUICK, **knobs), str(folder / "images"), "room").save(folder)
-    messages = []
-    bake.run_bake(folder, messages.append, lambda: False)
-    result = json.loads((folder / RESULT_FILE).read_text())
+    messages, result = bake_folder(folder, scene, replace(QUICK, **knobs))
     stages = [message.stage for message in messages if isinstance(message, Status)]
     return result, list(dict.fromkeys(stages)), {file["pass_name"]: read_image(file["path"])[0] for file in result["files"]}
 
