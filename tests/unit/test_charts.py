@@ -177,11 +177,11 @@ def test_one_page_is_enough_while_charts_have_texels():
 
 
 def test_more_pages_than_may_be_are_refused():
-    scene = make_scene([moved(box_mesh(), scale=1.0 + 0.01 * k, name=f"Box {k}") for k in range(60)])
+    scene = make_scene([moved(box_mesh(), scale=1.0 + 0.01 * k, name=f"Box {k}") for k in range(30)])
     needed = make_charts(scene, Settings(size=64)).page_count
     fewer = make_charts(scene, Settings(size=64, max_pages=needed - 2))
     assert fewer.page_count == needed - 2, "coarser, but as many as there may be"
-    with pytest.raises(ValueError, match=r"The 360 charts of 60 objects do not fit a page of 64 texels: .* or allow more pages"):
+    with pytest.raises(ValueError, match=r"The 180 charts of 30 objects do not fit a page of 64 texels: .* or allow more pages"):
         make_charts(scene, Settings(size=64, max_pages=1))
     with pytest.raises(
         ValueError, match=r"The bake needs \d+ pages of 64 texels, and the most that it may make is 2: allow more pages, or"

@@ -217,6 +217,7 @@ def test_a_worker_with_another_leaflight_is_told(farm, monkeypatch):
         cluster.connect(farm.address)
 
 
+@pytest.mark.slow  # it starts a cluster of its own
 def test_a_cluster_that_loses_its_workers_or_its_scheduler_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
     monkeypatch.setattr(cluster, "ASK_AGAIN_S", 0.2)
