@@ -3,7 +3,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from leaflight.core.atlas import unfolding
 from leaflight.core.atlas.layer_check import signed_areas
 from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied, unfold_meshes
+from processes import wait_for_end
 
 SQUARE = (np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
 
@@ -20,14 +20,6 @@ def unfolder():
     own = Unfolder()
     yield own
     own._kill()
-
-
-def is_alive(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return True
 
 
 def test_meshes_of_one_question_lie_side_by_side():
@@ -125,7 +117,4 @@ os.kill(os.getpid(), 9)
     ended = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == -signal.SIGKILL, ended.stderr
     assert not ended.stderr
-    deadline = time.monotonic() + 20
-    while is_alive(int(ended.stdout)) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not is_alive(int(ended.stdout))
+    assert wait_for_end([int(ended.stdout)]) == []
