@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+# Blender's reports, its log (time, category, text) and Python's, of levels below a warning; and empty lines.
+_NEWS = re.compile(rb"\s*$|Info: |INFO[ :]|\d+:\d+\.\d+ +\S+ +\| (?!WARN|ERROR|FATAL)")
+
 
 @contextmanager
-def hold_output() -> Iterator[None]:
-    """Nothing is printed until the end; then all of it is, but nothing where an exception ends it, whose sentence says what matters."""
+def hold_output(quiet: bool = False) -> Iterator[None]:
+    """Nothing is printed until the end; then all of it is, but nothing where an exception ends it, whose sentence says what matters.
+
+    quiet   leave out what is no warning and no error
+    """
     with tempfile.TemporaryFile() as held:
         _flush()
         kept = [os.dup(number) for number in (1, 2)]
@@ -25,7 +32,7 @@ def hold_output() -> Iterator[None]:
             raise
         _let_go(kept)
         held.seek(0)
-        os.write(2, held.read())
+        os.write(2, b"".join(line for line in held if not (quiet and _NEWS.match(line))))
 
 
 def _let_go(kept: list[int]) -> None:

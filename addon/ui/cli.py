@@ -7,7 +7,7 @@ import math
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from ..app.console import describe_files, describe_miss, print_message
 from ..app.job import BakeProcess, open_bake
 from ..app.request import resolve_paths
 from ..gltf.export_gltf import export_gltf
+from ..read.blender_output import hold_output
 from ..read.scene_file import choose_scene, open_scene
 from ..show.bake_text import describe_error
 from ..show.images import check_shown
@@ -59,7 +60,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     begin = time.perf_counter()
     warnings: session.Warnings = []
     if request.scene is not None:
-        warnings += open_scene(request.scene, request.scripts)
+        with _hold_news(request.quiet):
+            warnings += open_scene(request.scene, request.scripts)
     elif not bpy.data.filepath:
         raise ValueError("no .blend is open (Blender goes on with its startup scene where it cannot read a file); check the path.")
     choose_scene(bpy.context, request.scene_name, request.view_layer, request.frame)
@@ -72,7 +74,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     scene = bpy.data.filepath or str(request.scene)
     seconds = {"open": time.perf_counter() - begin}
     start = time.perf_counter()
-    work = session.prepare(bpy.context, request, process.folder, partial(print_message, quiet=request.quiet))
+    with _hold_news(request.quiet):
+        work = session.prepare(bpy.context, request, process.folder, partial(print_message, quiet=request.quiet))
     seconds["export"] = time.perf_counter() - start
     _print_warnings([*warnings, *work.export.warnings], request.quiet)
     with _interrupts(_stop_here if work.kept else process.cancel):  # until the end: what was baked is saved
@@ -90,13 +93,8 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
             first, *more = describe_error(result)
             print_message(Status("done", "; ".join([first, *(line[0].lower() + line[1:] for line in more)])), request.quiet)
         start = time.perf_counter()
-        session.finish_files(bpy.context.scene, result)
-        late = session.assign(bpy.context, work, result) if request.assign and request.save else []
-        if request.save is not None:
-            _save(request.save)
-        if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
-            late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
-            late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
+        with _hold_news(request.quiet):
+            late = _finish(request, work, result)
         _print_warnings(late, request.quiet)
         seconds |= {**result["seconds"], "assign": time.perf_counter() - start}
         seconds["total"] = time.perf_counter() - begin
@@ -110,9 +108,27 @@ def _bake(request: BakeRequest, process: BakeProcess) -> int:
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 
+def _finish(request: BakeRequest, work: session.Session, result: dict[str, Any]) -> session.Warnings:
+    """Write all that only Blender can; gives what could not be done."""
+    session.finish_files(bpy.context.scene, result)
+    late = session.assign(bpy.context, work, result) if request.assign and request.save else []
+    if request.save is not None:
+        _save(request.save)
+    if request.gltf is not None:  # after saving: what is only for the export is not for the .blend
+        late += session.assign(bpy.context, work, result) if not (request.assign and request.save) else []
+        late += export_gltf(bpy.context, request.gltf, request.settings.view_transform)
+    return late
+
+
+def _hold_news(quiet: bool) -> AbstractContextManager[None]:
+    """With --quiet Blender's own lines are left out too, but for warnings and errors."""
+    return hold_output(quiet=True) if quiet else nullcontext()
+
+
 def _print_plan(request: BakeRequest, process: BakeProcess, warnings: session.Warnings) -> int:
     """What the bake would be; nothing is left on disk."""
-    work = session.prepare(bpy.context, replace(request, output=process.folder / "maps"), process.folder)
+    with _hold_news(request.quiet):
+        work = session.prepare(bpy.context, replace(request, output=process.folder / "maps"), process.folder)
     _print_warnings([*warnings, *work.export.warnings], request.quiet)
     for line in describe_bake(work.export.snapshot, request.settings):
         print_message(Status("plan", line), quiet=False)

@@ -18,6 +18,7 @@ bpy = pytest.importorskip("bpy")
 from blend_rooms import QUICK, bake, list_files, open_room, read_pixels, read_report, save_scene
 from leaflight.addon.app import session
 from leaflight.addon.app.job import BakeProcess
+from leaflight.addon.read.blender_output import hold_output
 from leaflight.addon.ui import cli
 from leaflight.core.transport import photons
 from leaflight.core.util.messages import Done
@@ -67,12 +68,30 @@ def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsy
     assert re.search(r"leaflight: 100%  0\.02 M photons  \d+\.\d\d M/s  error \d+\.\d%  0 s left\n", told)
 
 
-def test_quiet_says_nothing_of_a_bake_that_goes_well(room, capsys):
-    """The report goes into a folder that is made for it."""
-    report = room.parent / "deep" / "er" / "report.json"
-    assert bake(room, "--quiet", "--error", "0.5", "--report", str(report)) == 0
-    assert capsys.readouterr().err == ""
+def test_quiet_says_nothing_of_a_bake_that_goes_well(room, capfd, monkeypatch):
+    """Nor does Blender, which reads and saves files for it. The report goes into a folder that is made for it."""
+    report, saved = room.parent / "deep" / "er" / "report.json", room.parent / "baked.blend"
+    words = ("--quiet", "--error", "0.5", "--report", str(report))
+    for number, name in ((1, "stdout"), (2, "stderr")):  # pytest's own go past what a process prints to
+        monkeypatch.setattr(sys, name, os.fdopen(number, "w", closefd=False))
+    capfd.readouterr()
+    assert bake(room, *words, "--save", str(saved), "--gltf", str(saved.with_suffix(".glb"))) == 0
+    assert [line for line in "".join(capfd.readouterr()).splitlines() if not line.startswith("ERROR ")] == []  # bpy 5.3 lacks a decoder
     assert json.loads(report.read_text())["photons"] == 20000
+
+
+def test_quiet_leaves_warnings_and_errors_of_blender(capfd):
+    lines = [
+        "Info: Saved",
+        "Warning: a library is missing",
+        "00:01.2  blend  | Read blend",
+        "00:01.3  blend  | WARNING Old",
+        "ERROR No",
+        "",
+    ]
+    with hold_output(quiet=True):
+        os.write(1, "\n".join(lines).encode())
+    assert capfd.readouterr().err.splitlines() == [lines[1], lines[3], lines[4]]
 
 
 def test_a_bake_that_misses_its_error_says_so(room, capsys):
