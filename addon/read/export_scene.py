@@ -161,7 +161,7 @@ class _FoundPiece:
     original_uid: int
     casts_shadow: bool
     seen_by: tuple[bool, bool, bool]
-    is_linking: bool
+    linking: Linking
 
 
 class SceneReading:
@@ -182,6 +182,7 @@ class SceneReading:
         self._profiles: list[Any] = []
         self._curves: set[str] = set()
         self._original_uid: dict[str, int] = {}  # by the object's name in the snapshot: of what it is an instance of
+        self._linking: dict[str, Linking] = {}  # the same, of what it emits
 
     def read_images(self, view_layer: Any) -> Steps[None]:
         """Wait for the images that materials show, where there is something better to do meanwhile."""
@@ -245,7 +246,9 @@ class SceneReading:
         for *_, uid in self._found:
             if uid and users[uid] > 1:
                 number.setdefault(uid, len(number))
-        scene_objects = tuple(replace(item, mesh=number.get(uid, -1)) for _, item, _, uid in self._found)
+        scene_objects = tuple(
+            self._linking[exported.name].link(replace(item, mesh=number.get(uid, -1)), uids) for exported, item, _, uid in self._found
+        )
         arrays = yield from join_arrays([arrays for _, _, arrays, _ in self._found])
         self._materials.finish(arrays)
         snapshot = SceneSnapshot(
@@ -288,7 +291,7 @@ class SceneReading:
             return
         has_layer = receives and self._has_layer(piece, local)
         reason = self._receivers.find_copy_reason(piece, local, self._uv_layer if has_layer else None) if receives else ""
-        own, linking = piece.kind == OWN, evaluated.light_linking
+        own = piece.kind == OWN
         library = source.library.filepath if source.library else ""
         exported = ExportedObject(
             "", source.name, library, source.session_uid, piece.key, piece.kind, False, "", local.n_corner, local.n_polygon
@@ -307,7 +310,7 @@ class SceneReading:
                 original_uid=evaluated.original.session_uid,
                 casts_shadow=evaluated.visible_shadow,
                 seen_by=seen_by,
-                is_linking=linking is not None and bool(linking.receiver_collection or linking.blocker_collection),
+                linking=read_linking(evaluated.original),
             )
         )
 
@@ -318,8 +321,6 @@ class SceneReading:
         self._warn_faces(source, arrays, receives)
         if not arrays.n_tri:
             return
-        if found.is_linking:
-            self._warn_linking(source, arrays)
         if receives and arrays.is_clear:
             receives, reason = False, ""
             self._warnings.append((source, "light passes through it and none is reflected, so it gets no lightmap"))
@@ -327,7 +328,7 @@ class SceneReading:
             receives, reason = False, ""
             self._warnings.append((source, NO_ROOM))
         name, own_mesh = self._make_unique(found.name), found.exported.kind == OWN and not reason
-        self._original_uid[name] = found.original_uid
+        self._original_uid[name], self._linking[name] = found.original_uid, found.linking
         exported = replace(found.exported, name=name, needs_copy=bool(reason), reason=reason)
         if own_mesh:
             exported = replace(exported, n_corner=found.own_size[0], n_polygon=found.own_size[1])
@@ -385,10 +386,6 @@ class SceneReading:
             unique = f"{name}.{number:03d}"
         self._names.add(unique)
         return unique
-
-    def _warn_linking(self, name: str, arrays: PieceArrays) -> None:
-        if any(any(self._materials.readings[index].material.emission_rgb) for index in set(arrays.tri_material.tolist())):
-            self._warnings.append((name, "its light linking is left out: what glows lights every object"))
 
     def _warn_faces(self, name: str, arrays: PieceArrays, receives: bool) -> None:
         count = arrays.world.left_out

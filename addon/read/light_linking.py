@@ -1,4 +1,4 @@
-"""Light linking and shadow linking: the objects that a lamp lights, and those that cast its shadows.
+"""Light linking and shadow linking: the objects that a lamp or a glowing mesh lights, and those that cast its shadows.
 
 An object is chosen where a collection includes it, or where it excludes some objects and this one is not among them.
 """
@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
-from ...core.scene.scene import Light
+from ...core.scene.scene import Light, SceneObject
+
+_Linked = TypeVar("_Linked", Light, SceneObject)
 
 
 @dataclass(frozen=True)
 class Linking:
-    """What a lamp's collections say, by session_uid of objects; None where they say nothing.
+    """What the collections of a lamp or mesh say, by session_uid of objects; None where they say nothing.
 
     receivers, blockers   the objects that are chosen, or with `not_` in front those that are not
     """
@@ -24,8 +26,10 @@ class Linking:
     blockers: frozenset[int] | None = None
     not_blockers: frozenset[int] = frozenset()
 
-    def link(self, light: Light, objects: Sequence[tuple[int, ...]]) -> Light:
-        """The light with numbers of objects, of which each is known by some uids: its own, and that of what it is an instance of."""
+    def link(self, light: _Linked, objects: Sequence[tuple[int, ...]]) -> _Linked:
+        """The light, or object that glows, with numbers of objects, of which each is known by some uids: its own, and that of what it is
+        an instance of.
+        """
         lit, blocking = (_choose(objects, *chosen) for chosen in ((self.receivers, self.not_receivers), (self.blockers, self.not_blockers)))
         return replace(light, lights=lit, blocked_by=blocking)
 

@@ -127,8 +127,7 @@ def _read_object(obj: bpy.types.Object, meshes: dict[int, str]) -> tuple[Any, ..
         for modifier in obj.modifiers
     ]
     looks: list[Any] = [getattr(obj, name) for name in _LOOKS]
-    if obj.type == "LIGHT":
-        looks.append(list_linked(obj))
+    looks.append(list_linked(obj))
     return (obj.type, place, looks, slots, modifiers, choice, _read_data(obj, meshes))
 
 

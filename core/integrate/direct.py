@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingS
 from ..lights.direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
+from ..lights.emitting_cells import EmittingCells
 from ..lights.environment_table import EnvironmentTable
 from ..lights.lamp_crowd import LampCrowd, RestOfCrowd
 from ..lights.light_links import LightLinks
@@ -50,7 +51,7 @@ class DirectScene:
     surfaces: ReceivingSurfaces
     sources: tuple[Source, ...]  # of one light each
     crowd: LampCrowd | None
-    pool: EmitterPool | None
+    pools: tuple[EmitterPool, ...]
     tri_two_sided: NDArray[np.bool_]
     environment: EnvironmentTable | None = None
     linked: tuple[_LinkedSource, ...] = ()  # some of the sources
@@ -65,7 +66,9 @@ class DirectScene:
         lamps, suns, world = make_lamps(snapshot, unit_box, plain), make_suns(snapshot, plain), make_world(snapshot)
         crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS and uses("lamp_crowd") else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
-        groups = [cells for _, cells in meshes.by_material if cells.link < 0 or links.seen_rgb[DIFFUSE, :, cells.link].any()]
+        seen = links.seen_rgb[DIFFUSE].any(axis=0)
+        whole = {-1, *np.flatnonzero(seen & links.lit.all(axis=1) & links.blocks.all(axis=1)).tolist()}
+        groups = [cells for _, cells in meshes.by_material if cells.link in whole]
         pool, sealed = None, meshes.tri_sealed
         textured = any(snapshot.materials[index].emission_image >= 0 for index, _ in meshes.by_material)
         few = sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES or not uses("emitter_pool")
@@ -77,16 +80,18 @@ class DirectScene:
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         sky = usable_environment(snapshot)
         table = None if sky is None else EnvironmentTable.of(sky)
-        linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links))
-        sources += [one.source for one in linked]
-        return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pool, two_sided[snapshot.tri_object], table, linked)
+        apart = [cells for _, cells in meshes.by_material if cells.link not in whole and seen[cells.link]]
+        linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links, apart, sealed))
+        sources += [one.source for one in linked if not isinstance(one.source, EmitterPool)]
+        pools = (*([pool] if pool else []), *(one.source for one in linked if isinstance(one.source, EmitterPool)))
+        return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pools, two_sided[snapshot.tri_object], table, linked)
 
-    def rays_to(self, source: Source) -> ShadowRays:
+    def rays_to(self, source: object) -> ShadowRays:
         """Those that find what hides a source."""
         own = next((one.rays for one in self.linked if one.source is source), self.rays)
-        return self.sky_rays if isinstance(source, WorldSource) else own
+        return self.sky_rays if isinstance(source, (WorldSource, Openings)) else own
 
-    def find_unlit(self, source: Source, tri: IntArray) -> NDArray[np.bool_] | None:
+    def find_unlit(self, source: object, tri: IntArray) -> NDArray[np.bool_] | None:
         """(n,) bool: which triangles (n,) a source does not light whatever stands between; None where it lights all."""
         own = next((one.tri_lit for one in self.linked if one.source is source), None)
         return None if own is None else ~own[tri]
@@ -94,9 +99,9 @@ class DirectScene:
 
 @dataclass(frozen=True)
 class _LinkedSource:
-    """A lamp of LightLinks, with the shadow rays that find what hides it, and the triangles (n_tri,) that it lights."""
+    """A lamp of LightLinks, or glowing meshes, with the shadow rays that find what hides it, and the triangles (n_tri,) that it lights."""
 
-    source: Source
+    source: Source | EmitterPool
     rays: ShadowRays
     tri_lit: NDArray[np.bool_]
 
@@ -108,8 +113,10 @@ def _link_sources(
     surfaces: SurfaceMaterials,
     receiving: ReceivingSurfaces,
     links: LightLinks,
+    glows: Sequence[EmittingCells],
+    tri_sealed: NDArray[np.bool_],
 ) -> Iterator[_LinkedSource]:
-    """Those that diffuse surfaces see."""
+    """Those that diffuse surfaces see; meshes are in `glows`."""
     for row in np.flatnonzero(links.seen_rgb[DIFFUSE].any(axis=0)):
         lights = [light for light, own in zip(snapshot.lights, links.of_light, strict=True) if own == row]
         blocks, own_rays = links.blocks[row], rays
@@ -118,6 +125,9 @@ def _link_sources(
             own_rays = ShadowRays.of(RayScene(left), surfaces, left, np.ascontiguousarray(receiving.normal.T))
         for source in (*make_lamps(snapshot, unit_box, lights), *make_suns(snapshot, lights)):
             yield _LinkedSource(source, own_rays, links.lit[row])
+        cells = [one for one in glows if one.link == row]
+        if cells:
+            yield _LinkedSource(EmitterPool.of(cells, receiving, unit_box.scale, surfaces, tri_sealed), own_rays, links.lit[row])
 
 
 @dataclass(frozen=True)
@@ -172,7 +182,7 @@ def direct_irradiance(
     out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
     beside = np.zeros(len(texel), np.float32) if beside is None else beside
     crossed = np.zeros(len(texel), bool) if crossed is None else crossed
-    has_many, every = scene.crowd is not None or scene.pool is not None, np.arange(len(texel))
+    has_many, every = scene.crowd is not None or bool(scene.pools), np.arange(len(texel))
     # Estimates for each pair of texel and light take memory; and the choice among many lights rests on what neighbours see.
     most, apart = (MOST_TEXELS // 2, crossed) if has_many else (MOST_TEXELS, np.zeros_like(crossed))
     for group in (every[~apart], every[apart]):
@@ -233,11 +243,13 @@ class _LookingChunk:
         if self._scene.environment is not None:
             self.sky = EnvironmentLight(self._scene.environment, self._scene.rays, self._chunk, self._rng)
             self.counters["rays"] += self.sky.rays
-        for many in (rest, self._scene.pool, self.sky, *self.openings):
+        for many in (rest, *self._scene.pools, self.sky, *self.openings):
             if many is not None:
                 base = light + found + self._beside[:, None]
-                rays = self._scene.sky_rays if isinstance(many, Openings) else self._scene.rays
+                rays, unlit = self._scene.rays_to(many), self._scene.find_unlit(many, self._chunk.tri)
                 by_many, error, traced = many.irradiance(rays, self._chunk, self._demand, base, self._rng)
+                if unlit is not None:
+                    by_many[unlit], error[unlit] = 0, 0
                 found += by_many
                 self._variance += error
                 self.counters["rays"] += traced

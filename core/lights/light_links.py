@@ -50,8 +50,9 @@ class LightLinks:
         kinds, shining = find_ray_kinds(snapshot.materials), np.flatnonzero(glows)
         pairs = np.stack([snapshot.tri_material[shining], snapshot.tri_object[shining]])
         for material, thing in np.unique(pairs, axis=1).T.tolist():
-            glow, seen_by = snapshot.materials[material].glow_rgb, snapshot.objects[thing].seen_by
-            row = _find_row(rows, (None, None, _see([glow[kind] for kind in kinds], [seen_by[kind] for kind in kinds])))
+            glow, owner = snapshot.materials[material].glow_rgb, snapshot.objects[thing]
+            seen_rgb = _see([glow[kind] for kind in kinds], [owner.seen_by[kind] for kind in kinds])
+            row = _find_row(rows, (owner.lights, owner.blocked_by, seen_rgb))
             of_tri[shining[(pairs == [[material], [thing]]).all(axis=0)]] = row
         count = len(snapshot.objects)
         lit = np.array([_find_chosen(chosen, count) for chosen, _, _ in rows], bool).reshape(-1, count)

@@ -41,6 +41,8 @@ class SceneObject:
     casts_shadow: bool = True
     # Whether diffuse, glossy and transmission rays see it; light between surfaces passes through it for the others.
     seen_by: tuple[bool, bool, bool] = (True, True, True)
+    lights: tuple[int, ...] | None = None  # as of Light, of what glows on it
+    blocked_by: tuple[int, ...] | None = None
     mesh: int = -1  # objects of one number share a mesh that may hold the UVs of all; -1 shares none
     sides: str = ""  # of settings.SIDES, "" as the settings have it
     density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself

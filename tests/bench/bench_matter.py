@@ -56,9 +56,9 @@ A material may let shadow rays pass and be glass for all others. That stands in 
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.
 
 Materials and *Ray Visibility* count for diffuse, glossy, transmission and shadow rays apart, as in Cycles: a photon carries what each kind
-would see of it, for the kind is known only at the surface where it arrives. Lamps are seen by each kind of ray, light objects and have
-their shadows cast (light and shadow linking) as in Cycles. What glows by *Is Diffuse Ray* Cycles sees in two ways, for its own rays toward
-lamps carry no kind; Leaflight has it as diffuse rays see it.
+would see of it, for the kind is known only at the surface where it arrives. Lamps, and objects that glow, are seen by each kind of ray,
+light objects and have their shadows cast (light and shadow linking) as in Cycles. What glows by *Is Diffuse Ray* Cycles sees in two ways,
+for its own rays toward lamps carry no kind; Leaflight has it as diffuse rays see it.
 
 | scene | mean | nrmse | |
 | --- | --- | --- | --- |

@@ -66,7 +66,10 @@ def _linked(kind: str, name: str, state: str, light: str = "AREA") -> Callable[[
         bpy.ops.mesh.primitive_cube_add(size=0.5, location=(-0.7, 0, 0.4))
         bpy.context.object.name = "Block"
         bpy.context.object.data.materials.append(scene.shade("Block", scene.diffuse(0.2, 0.7, 0.3)))
-        scene.add_light(light, 60.0 if light == "AREA" else 3.0, (0, 0, 2.2), (0.2, 0.1, 0), 0.3)
+        if light == "Glow":
+            scene.add_square("Glow", scene.shade("Glow", scene.node("Emission", Strength=20.0)), 0.3, (0, 0, 2.2), (0.2, 0.1, 0))
+        else:
+            scene.add_light(light, 60.0 if light == "AREA" else 3.0, (0, 0, 2.2), (0.2, 0.1, 0), 0.3)
         scene.add_light("POINT", 10.0, (-1, -1, 2.5), (0, 0, 0), 0.1)
         collection = bpy.data.collections.new("Linked")
         collection.objects.link(bpy.data.objects[name])
@@ -125,6 +128,8 @@ SCENES: dict[str, Callable[[], None]] = {
     "light linking, excluded": _linked("receiver", "Block", "EXCLUDE", "SUN"),
     "shadow linking": _linked("blocker", "Block", "INCLUDE"),
     "shadow linking, excluded": _linked("blocker", "Card", "EXCLUDE", "SUN"),
+    "light linking of a glow": _linked("receiver", "Floor", "INCLUDE", "Glow"),
+    "shadow linking of a glow": _linked("blocker", "Block", "INCLUDE", "Glow"),
     "glow unseen by diffuse rays": _card(lambda s: s.node("Emission", Strength=6.0), visible_diffuse=False),
     "Is Camera Ray": _card(_by_ray("Is Camera Ray")),
     "Is Reflection Ray": _card(_by_ray("Is Reflection Ray")),

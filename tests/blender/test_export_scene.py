@@ -457,15 +457,10 @@ def test_collections_within_a_linking_collection_count():
     assert export().snapshot.lights[0].lights == (0,)
 
 
-def test_light_linking_of_what_glows_is_named():
-    glow = bpy.data.materials.new("Glow")
-    glow.use_nodes = True
-    principled = glow.node_tree.nodes["Principled BSDF"]
-    principled.inputs["Emission Strength"].default_value = 2.0
-    principled.inputs["Emission Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    panel, wall, bulb = add_object("Panel"), add_object("Wall"), add_object("Bulb", bpy.data.lights.new("Bulb", "POINT"))
-    panel.data.materials.append(glow)
-    for thing in (panel, wall, bulb):
-        thing.light_linking.receiver_collection = bpy.data.collections.new("Lit")
-    told = [subject for subject, text in export().warnings if "linking" in text]
-    assert told == ["Panel"]
+def test_what_glows_is_linked_as_lamps_are():
+    panel = add_object("Panel")
+    add_object("Wall")
+    link_light(panel, "receiver", Wall="INCLUDE")
+    link_light(panel, "blocker", Wall="EXCLUDE")
+    of_panel, of_wall = export().snapshot.objects
+    assert (of_panel.lights, of_panel.blocked_by, of_wall.lights) == ((1,), (0,), None)

@@ -30,7 +30,7 @@ def as_sources(scene: SceneSnapshot) -> DirectScene:
     pooled, _, surfaces = prepare(scene)
     ((_, cells),) = find_emitting_cells(scene, surfaces, LightLinks.of(scene))
     sources = make_triangle_sources(cells, pooled.surfaces.corner_unit, pooled.surfaces.normal)
-    return replace(pooled, pool=None, sources=tuple(sources))
+    return replace(pooled, pools=(), sources=tuple(sources))
 
 
 def boxes(count: int) -> list:
@@ -40,7 +40,7 @@ def boxes(count: int) -> list:
 def test_the_same_light_as_from_each_triangle_by_itself():
     scene = lit_scene([box_mesh("Block", (0.3, 0.3, 0.3), (0.5, 0.5, 0.3))], emission=boxes(4), rgb=(3.0, 2.0, 1.0))
     pooled, _, _ = prepare(scene)
-    assert pooled.pool is not None
+    assert len(pooled.pools) == 1
     expected = light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb
     found = light_floor(pooled, tolerance=0.0)
     error = found.irradiance_rgb - expected
@@ -66,7 +66,7 @@ def test_long_strips_close_by_give_all_of_their_light():
     strips = [moved(quad_mesh(f"Strip {i}", 20.0, 0.01), (-9.5, 0.1 + 0.1 * i, 0.05)) for i in range(8)]
     scene = lit_scene(emission=strips)
     pooled = prepare(scene)[0]
-    assert pooled.pool is not None
+    assert len(pooled.pools) == 1
     expected = light_floor(as_sources(scene), tolerance=0.0).irradiance_rgb
     found = light_floor(pooled, max_rays=64, tolerance=0.0).irradiance_rgb
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
@@ -76,7 +76,7 @@ def test_long_strips_close_by_give_all_of_their_light():
 def test_few_slender_triangles_are_sources_one_by_one():
     scene = lit_scene(emission=[moved(quad_mesh("Strip", 20.0, 0.01), (-9.5, 0.5, 0.5))])
     pooled = prepare(scene)[0]
-    assert pooled.pool is None
+    assert not pooled.pools
     assert len(pooled.sources) == 2
 
 
@@ -98,7 +98,7 @@ def test_lamps_that_reach_down_through_the_floor():
     places = [((i % 3 + 0.5) / 3, (i // 3 + 0.5) / 3, 0.035) for i in range(9)]
     scene = lit_scene(emission=[box_mesh(f"Lamp {i}", (0.15, 0.15, 0.08), place) for i, place in enumerate(places)])
     pooled, alone = prepare(scene)[0], as_sources(scene)
-    assert pooled.pool is not None
+    assert len(pooled.pools) == 1
     found = np.mean([light_floor(pooled, seed, TEXELS[::3]).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
     expected = light_floor(alone, texels=TEXELS[::3]).irradiance_rgb[:, 0]
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
@@ -158,8 +158,8 @@ def test_textures_shine_where_they_are_bright():
 def test_clusters_of_more_triangles_than_they_are():
     lamps = [moved(sphere_mesh(f"Lamp {i}", 12, 24, 0.1), (0.25 + 0.5 * i, 0.5, 0.6)) for i in range(2)]
     scene, _, _ = prepare(lit_scene(emission=lamps))
-    assert scene.pool is not None
-    assert len(scene.pool.clusters) <= 256 < len(scene.pool.cells.tri)
+    (pool,) = scene.pools
+    assert len(pool.clusters) <= 256 < len(pool.cells.tri)
     found = to_grid(light_floor(scene, tolerance=0.005).irradiance_rgb[:, 0], SIDE)
     # A sphere of radiance 1 gives pi sin^2 cos, here in full view of the floor.
     place = (np.arange(SIDE) + 0.5) / SIDE

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from floors import lit_scene, trace_first
+from floors import floor_looks, lit_scene, prepare, trace_first
+from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport.photon_log import ShardHits
-from scenes import box_mesh
+from scenes import box_mesh, moved, quad_mesh
 
 BLOCK = box_mesh("Block", (0.3, 0.3, 0.2), (0.5, 0.5, 0.4))
 METAL = Material("Metal", albedo_rgb=(0.8,) * 3, metal_rgb=(0.8,) * 3, roughness=0.3)
@@ -46,3 +48,25 @@ def test_what_a_lamp_does_not_light_stops_its_photons_where_it_casts_its_shadows
     assert on_block[2] == pytest.approx(on_block[0], rel=0.3)  # its lower side, too
     assert on_floor[1] == pytest.approx(on_floor[0])
     assert on_floor[2] == pytest.approx(on_floor[0] + on_block[0], rel=0.02)
+
+
+def test_what_glows_is_linked_as_a_lamp_is():
+    """A glowing square above a floor and a block: as shadow rays and as photons find its light on the floor."""
+    scene = lit_scene([BLOCK], emission=[moved(quad_mesh("Glow"), (0.0, 0.0, 1.0))])
+    *others, glow = scene.objects
+
+    def light(**choices) -> tuple[float, float, float]:
+        linked = replace(scene, objects=(*others, replace(glow, **choices)))
+        prepared = prepare(linked)[0]
+        direct = (
+            direct_irradiance(prepared, floor_looks(16), np.arange(256), np.random.default_rng(1), max_rays=64).irradiance_rgb[:, 0].mean()
+        )
+        hits, _ = trace_first(linked, 40_000)
+        on_floor = hits.tri < 2
+        return float(direct), float(hits.flux_rgb[0, on_floor].sum()), float(hits.flux_rgb[0, ~on_floor].sum())
+
+    plain, unlit, clear, whole = light(), light(lights=(1,)), light(blocked_by=(0,)), light(blocked_by=(0, 1, 2))
+    assert unlit == (0, 0, plain[2])
+    assert clear[0] > 1.05 * plain[0]
+    assert clear[:2] == pytest.approx((clear[1], clear[1]), rel=0.03)  # on a floor of 1 m^2
+    assert whole[:2] == pytest.approx(plain[:2], rel=0.02)
