@@ -1,4 +1,4 @@
-"""Reasons why no light reaches an object: the object that encloses its lamps or itself."""
+"""Reasons why no light reaches an object: another object encloses the lamps or the object itself."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..util.arrays import IntArray
 from .light_probe import LightProbe
 from .scene import Light
 
-_POINTS, _BOUNCES = 1024, 4  # points that must be dark for the warning, and bounces of their light
+_POINTS, _BOUNCES = 1024, 4  # number of points that must be dark for the warning, and bounces of their light
 _RAYS = 512
-_ENCLOSED = 0.995  # share of the rays that meet one object
+_ENCLOSED = 0.995  # share of rays that meet one object from which on it encloses
 _MOST_LAMPS = 8  # with more lamps and glowing objects, none is examined
 
 
 def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, str]]:
-    """(name, sentence) for each of the objects that no light reaches, with the reason if found."""
+    """(name, sentence) for each of the objects that no light reaches, with the reason if it is found."""
     snapshot, lamps = probe.snapshot, None
     said = []
     for number in objects:
@@ -36,7 +36,7 @@ def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, 
 
 
 def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
-    """(count,) triangles, stratified by area."""
+    """(count,) triangles chosen from tri (n,), stratified by area."""
     area = np.cumsum(probe.area[tri])
     at = (np.arange(count) + 0.5) / count * area[-1]
     spread: NDArray[np.int64] = tri[np.minimum(np.searchsorted(area, at), len(tri) - 1)]
@@ -44,7 +44,7 @@ def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
 
 
 def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
-    """A sentence per lamp or glowing object with the object that encloses it; none if one is free, or there is a sun or sky."""
+    """A sentence for each lamp and glowing object with the object that encloses it; none if any is free, or if there is a sun or sky."""
     snapshot = probe.snapshot
     lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
     near = [light for light in lamps if light.kind != "SUN"]
@@ -61,7 +61,7 @@ def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
 
 
 def _look_around_lamp(probe: LightProbe, lamp: Light) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Places of a lamp, and directions (n, 3) that it shines to."""
+    """Positions (n, 3) of a lamp, unit box, and directions (n, 3) in which it shines."""
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(4 * _RAYS, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -73,7 +73,7 @@ def _look_around_lamp(probe: LightProbe, lamp: Light) -> tuple[NDArray[np.float3
 
 
 def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArray[np.float32], own: int) -> str:
-    """Name of the one object, not the `own` one, that nearly all of rays meet; "" where there is none."""
+    """Name of the object, other than `own`, that nearly all rays meet; "" if there is none."""
     if not len(point):
         return ""
     tri = probe.look(point, direction).tri if own >= 0 else probe.meet(point, direction)
@@ -87,7 +87,7 @@ def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArra
 
 
 def _find_enclosure(probe: LightProbe, number: int, point: NDArray[np.float32], side: NDArray[np.float32]) -> str:
-    """A sentence on what encloses an object, by its own rays; "" if any ray leaves the scene."""
+    """A sentence about what encloses an object, by rays from its points; "" if any ray leaves the scene."""
     tri = probe.look(point, side).tri
     if (tri < 0).any():
         return ""

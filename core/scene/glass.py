@@ -1,9 +1,9 @@
 """Dielectric glass: sampling of reflection and refraction.
 
-The lobe is GGX with Smith's height-correlated masking on both sides, with the exact Fresnel equations at the microfacet; smooth glass bends
-light at its normal. What single scattering loses on rough surfaces is given back where the material asks for it: weights are divided by
-the lobe's albedo.
-Front faces look out of the glass, so a closed solid bends light twice. A single face bends it once, as in Cycles.
+The lobe is GGX with Smith's height-correlated masking on both sides and the exact Fresnel equations at the microfacet; smooth glass bends
+light at the shading normal. Where the material compensates for the energy that single scattering loses on rough surfaces, weights are
+divided by the lobe's albedo.
+Front faces look out of the glass, so a closed solid refracts light twice. A single face refracts it once, as in Cycles.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces", eq. 16, 22 and 40; Heitz 2018, "Sampling the GGX
 distribution of visible normals"; Turquin 2019, "Practical multiple scattering compensation for microfacet models".
@@ -23,8 +23,8 @@ from .gloss import LEAST_ALPHA, sample_visible_normals, shadow_term
 from .materials import SurfaceMaterials
 from .scene import SceneSnapshot
 
-_ENTRIES = 33  # of a material's tables, evenly by the root of the cosine
-_SAMPLES = 1024  # for each entry
+_ENTRIES = 33  # per table, at even steps of the square root of the cosine
+_SAMPLES = 1024  # per entry
 _HAIR = np.float32(1e-6)
 _TINY = np.finfo(np.float32).tiny
 _LEAST_IOR = 1e-2
@@ -36,13 +36,13 @@ class Glass:
 
     tri_material   (n_tri,) int32
     tri_glass      (n_tri,) bool
-    alpha          (n_material,) float32: roughness squared; 0 of smooth glass
+    alpha          (n_material,) float32: roughness squared; 0 for smooth glass
     ior            (n_material,) float32
     mirror         (3, n_material) float32: tint of the reflection, times the share of the surface that is glass
-    fresnel        (n_material,) bool: Fresnel's equations apply; else all is refracted, and light that would be totally reflected
-                   is lost
+    fresnel        (n_material,) bool: whether Fresnel's equations apply; else all light is refracted, and light that would be totally
+                   reflected is lost
     kept           (2 * n_material * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine;
-                   1 where nothing is given back
+                   1 without compensation
     """
 
     surfaces: SurfaceMaterials
@@ -56,7 +56,7 @@ class Glass:
 
     @classmethod
     def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Glass | None:
-        """None where no surface is of glass."""
+        """None if no surface is glass."""
         tri_glass = surfaces.find_glass()
         if not tri_glass.any():
             return None
@@ -74,7 +74,7 @@ class Glass:
         return cls(surfaces, scene.tri_material, tri_glass, alpha, ior, mirror, fresnel, np.concatenate(kept).astype(np.float32))
 
     def is_rough(self, tri: IntArray) -> NDArray[np.bool_]:
-        """(n,): triangles at which rays of one direction part."""
+        """(n,): triangles of rough glass."""
         rough: NDArray[np.bool_] = gather(self.alpha, gather(self.tri_material, tri)) > 0
         return rough
 
@@ -88,10 +88,10 @@ class Glass:
         is_front: NDArray[np.bool_],
         numbers: Float32,
     ) -> Bent:
-        """Samples the continuation of rays, reflection or refraction.
+        """Sample reflection or refraction of rays.
 
-        direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
-        is_front    (n,) bool: that is the front of the triangle
+        direction   (3, n) float32, unit: directions in which rays arrive, from the side of their normals (3, n)
+        is_front    (n,) bool: whether that side is the front of the triangle
         numbers     (3, n) float32, uniform in [0, 1)
         """
         material = gather(self.tri_material, tri)
@@ -109,7 +109,7 @@ class Glass:
         cosine = np.clip(_dot(local, half), 0, 1)
         share, cosine_out = reflectance(cosine, eta)
         fresnel = gather(self.fresnel, material)
-        # Where Fresnel's equations are left out, what is reflected totally is lost.
+        # Without Fresnel's equations, light that would be totally reflected is lost.
         mirrored = np.where(fresnel, share, 0) * gather(self.mirror, material)
         passed = np.where(fresnel, 1 - share, share < 1) * self.surfaces.glass_at(tri, u, v).T
         chance_m, chance_p = mirrored.max(axis=0), passed.max(axis=0)
@@ -141,9 +141,9 @@ class Bent:
     """Rays that met glass.
 
     direction   (3, n) float32, unit
-    weight      (3, n) float32: share of their light that they still carry; 0 of those that end
-    crossed     (n,) bool: refracted, to the other side
-    eta         (n,) float32: index of refraction of that side, relative to the one they come from
+    weight      (3, n) float32: factor on their throughput; 0 for rays that end
+    crossed     (n,) bool: whether they were refracted to the other side
+    eta         (n,) float32: index of refraction of the other side, relative to the side they come from
     """
 
     direction: Float32
@@ -152,15 +152,15 @@ class Bent:
     eta: Float32
 
     def put(self, rows: IntArray, other: Bent) -> None:
-        """Replaces rows (k,) by another's."""
+        """Replace the rays in rows (k,) by others."""
         self.direction[:, rows], self.weight[:, rows], self.crossed[rows] = other.direction, other.weight, other.crossed
 
 
 def reflectance(cosine: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) each: share of unpolarised light that a smooth interface reflects, met at a cosine (n,), 1 where all is; and the cosine of what
-    is refracted with the normal on the other side.
+    """(n,) each: share of unpolarised light at a cosine (n,) with the normal that a smooth interface reflects, 1 for total reflection; and
+    the cosine of the refracted direction with the normal on the other side.
 
-    eta   (n,) float: index of refraction of the other side, relative to the one light comes from
+    eta   (n,) float: index of refraction of the other side, relative to the side that light comes from
     Source: Walter et al. 2007, eq. 22.
     """
     square = 1 - (1 - cosine * cosine) / (eta * eta)
@@ -172,14 +172,14 @@ def reflectance(cosine: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def mask_both(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
-    """(n,): G2 / G1 of directions on either side; cosine_out <= 0 is the wrong one, and gives 0."""
+    """(n,): G2 / G1 for an outgoing direction on either side; 0 for cosine_out <= 0, which is on the wrong side."""
     into, out = shadow_term(cosine_in, alpha), shadow_term(np.maximum(cosine_out, 1e-6), alpha)
     return np.where(cosine_out > 0, (1 + into) / (1 + into + out), 0)
 
 
 @lru_cache(maxsize=1024)
 def tabulate_glass(alpha: float, eta: float, fresnel: bool) -> Float64:
-    """(_ENTRIES,): share of light that single scattering keeps, reflected and refracted, by the cosine with the normal."""
+    """(_ENTRIES,): share of light that single scattering reflects and refracts together, by the cosine with the normal."""
     if alpha == 0:
         return np.ones(_ENTRIES)
     cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)

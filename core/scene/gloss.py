@@ -1,14 +1,14 @@
-"""Specular reflection of surfaces: metals, the layer above dielectric ones, a clear coat above both, and sheen above all.
+"""Specular reflection: metals, a dielectric layer above diffuse surfaces, a clear coat above both, and sheen above all.
 
 A material's lobe is GGX with Smith's height-correlated masking. A metal reflects its colour by Schlick's formula, a dielectric layer by the
-exact Fresnel equations for its index of refraction. What single scattering loses on rough surfaces is given back, tinted: weights are
-times 1 + F (1 / E - 1), with the lobe's albedo without Fresnel, E, and the share F that the surface reflects of light scattered several
-times: of a layer its mean Fresnel reflectance over the hemisphere, of a metal less, see _give_back. Where a material scatters once only
-(Blender's distribution GGX, which files from before Blender 4.0 have), nothing is given back. The layer takes its albedo off the diffuse
-light below it, in the direction that leaves; scattered once, what the lobe loses as well, as in Cycles. A coat is a second dielectric layer
-with a lobe of its own, which takes its albedo off all below it.
+exact Fresnel equations for its index of refraction. Energy that single scattering loses on rough surfaces is compensated: weights are
+multiplied by 1 + F (1 / E - 1), where E is the lobe's albedo without Fresnel and F the reflectance for multiply scattered light. F is the
+mean Fresnel reflectance over the hemisphere for a layer, and less for a metal, see _give_back. Materials that scatter only once (Blender's
+distribution GGX, which files from before Blender 4.0 have) are not compensated. A layer reduces the diffuse light below it by its albedo in
+the outgoing direction; with single scattering it also takes the energy that the lobe loses, as in Cycles. A coat is a second dielectric
+layer with a lobe of its own, which reduces everything below it by its albedo.
 
-Lobes are tabulated by rows: a material has one, or, where an image says how rough it is, one for each of some levels of roughness.
+Lobes are tabulated in rows: one for each material, or one for each level of roughness if an image sets the roughness.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces"; Heitz 2018, "Sampling the GGX distribution of
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function", eq. 99; Turquin 2019, "Practical multiple scattering
@@ -32,24 +32,24 @@ from .scene import MAX_ALBEDO, Material, SceneSnapshot
 from .sheen import average_sheen, evaluate_sheen, sample_sheen, tabulate_sheen
 
 LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
-_ENTRIES = 65  # of a material's tables, evenly by the root of the cosine: at grazing angles they change soonest
-_SAMPLES = 2048  # for each entry
+_ENTRIES = 65  # per table, at even steps of the square root of the cosine, since tables vary fastest at grazing angles
+_SAMPLES = 2048  # per entry
 _HAIR = np.float32(1e-6)
 _LEAST_SHARE = 1e-6  # of a surface
 _LEVELS = 16  # steps of roughness from 0 to 1 in images
 _LEVEL_SAMPLES = 512
-EDGE_COSINE = 1 / 7  # at which a metal's tint at the edge applies: Schlick's (1 - cos)^5 times that factor is greatest there
+EDGE_COSINE = 1 / 7  # where a metal's edge tint applies in full: cos (1 - cos)^6 is greatest there
 _EDGE = (1 - EDGE_COSINE) ** 5
 
 
 @dataclass(frozen=True)
 class Coat:
-    """The coats of a scene's rows of tables.
+    """The coats of all rows of tables.
 
-    alpha, ior, share   (n_row,) float32: as of a layer
+    alpha, ior, share   (n_row,) float32: as in Gloss for the layer
     mean                (n_row,) float32: mean Fresnel reflectance
-    lost                (n_row * _ENTRIES,) float32: as of Gloss
-    albedo              the same: what the coat reflects, its share included
+    lost                (n_row * _ENTRIES,) float32: as in Gloss
+    albedo              likewise: albedo of the coat times its share of the surface
     """
 
     alpha: Float32
@@ -61,7 +61,7 @@ class Coat:
 
     @classmethod
     def of(cls, rows: Sequence[Material]) -> Coat | None:
-        """None where no row has one."""
+        """None if no row has a coat."""
         share = np.array([one.coat for one in rows], np.float32)
         if not share.any():
             return None
@@ -76,13 +76,13 @@ class Coat:
 
 @dataclass(frozen=True)
 class Sheen:
-    """The sheen of a scene's rows of tables.
+    """The sheen of all rows of tables.
 
-    rgb        (3, n_row) float32: share of the surface that has it, times its tint
-    mean_rgb   (3, n_row) float32: what it reflects of even light, which the albedo holds
-    a, b       (n_row * _ENTRIES,) float32: of the lobe, by the cosine of the direction that looks; see sheen
-    albedo     the same: of white sheen
-    under      the same: what it leaves of all that is below, relative to what it leaves of even light, which colours hold already
+    rgb        (3, n_row) float32: share of the surface that has sheen, times its tint
+    mean_rgb   (3, n_row) float32: its reflectance for even light, which the material's albedo contains
+    a, b       (n_row * _ENTRIES,) float32: parameters of the lobe, by the cosine of the view direction; see sheen
+    albedo     likewise: albedo of white sheen
+    under      likewise: transmittance to what is below, relative to that for even light, which the material's colours contain
     """
 
     rgb: Float32
@@ -94,7 +94,7 @@ class Sheen:
 
     @classmethod
     def of(cls, rows: Sequence[Material]) -> Sheen | None:
-        """None where no row has any."""
+        """None if no row has sheen."""
         rgb = np.clip(np.array([one.sheen_rgb for one in rows], np.float32), 0, 1).T
         if not rgb.any():
             return None
@@ -110,11 +110,11 @@ class Sheen:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Where the tables of a scene's materials are.
+    """Rows of the tables by material.
 
-    materials      one for each row, with the roughness that the row is for
-    first          (n_material,) int32: row of the least level
-    least, most    (n_material,) int32: levels of roughness; 0 of a material that is as rough everywhere
+    materials      the material of each row, with the row's roughness
+    first          (n_material,) int32: row of the least level of roughness
+    least, most    (n_material,) int32: levels of roughness; 0 for a material of uniform roughness
     """
 
     materials: tuple[Material, ...]
@@ -148,25 +148,24 @@ class Gloss:
 
     tri_material   (n_tri,) int32
     tri_glossy     (n_tri,) bool
-    rows           of the tables
+    rows           rows of the tables
     alpha          (n_row,) float32: roughness squared
     ior            (n_row,) float32: of the dielectric layer
-    layer          (n_row,) float32: share of the surface that has one
-    tint           (n_row,) float32: of what the layer reflects straight on
+    layer          (n_row,) float32: share of the surface that has a layer
+    tint           (n_row,) float32: tint of the layer's reflection at normal incidence
     metal          (n_row,) float32: share of the surface that is metal
     layer_mean     (n_row,) float32: mean Fresnel reflectance of the layer
     kept_mean      (n_row,) float32: mean of E over the hemisphere
-    rising         (n_row,) float32: 1 where a metal's reflectance rises toward the edge by Schlick's formula, 0 where it does not
-    lost           (n_row * _ENTRIES,) float32: 1 / E - 1 by the cosine with the normal
-    restored       the same, 0 where a material scatters once only
-    edge           the same: what of a black metal's light Schlick's formula reflects at the edges by single scattering
-    dielectric     the same: what the layer reflects where it is
-    below          the same: what layer and coat leave of the diffuse light that they cover, and all of the rest
-    dip            the same: mean of cos (1 - cos)^6 over the lobe, by which a tint at the edge differs from Schlick's formula
-    dip_rgb        (3, n_row) float32: of how much of it metals reflect less, as a share of what they reflect at the edge; None where all
-                   edges are as Schlick has them
-    coat           None where no material has one
-    sheen          the same
+    rising         (n_row,) float32: 1 if a metal's reflectance rises to the edge by Schlick's formula, 0 if it is constant
+    lost           (n_row * _ENTRIES,) float32: 1 / E - 1, by the cosine with the normal
+    restored       likewise, but 0 for materials that scatter only once
+    edge           likewise: albedo of a black metal, which Schlick's formula makes reflect at the edges, by single scattering
+    dielectric     likewise: albedo of the layer
+    below          likewise: transmittance of layer and coat for diffuse light, averaged over covered and uncovered parts
+    dip            likewise: mean of cos (1 - cos)^6 over the lobe, by which an edge tint reduces Schlick's formula
+    dip_rgb        (3, n_row) float32: factor of that reduction, relative to the reflectance at the edge; None if no metal has an edge tint
+    coat           None if no material has a coat
+    sheen          None if no material has sheen
     """
 
     surfaces: SurfaceMaterials
@@ -193,7 +192,7 @@ class Gloss:
 
     @classmethod
     def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Gloss | None:
-        """None where no surface has any."""
+        """None if no surface reflects specularly."""
         shiny = np.array(
             [one.layer > 0 or (one.metal > 0 and any(one.metal_rgb)) or one.coat > 0 or any(one.sheen_rgb) for one in scene.materials], bool
         )
@@ -218,7 +217,7 @@ class Gloss:
         kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
         is_restored = np.repeat(np.array([one.multiscatter for one in rows], bool), _ENTRIES)
         restored = np.where(is_restored, lost, np.float32(0))
-        # Scattered once, the layer covers its mean Fresnel reflectance: what the lobe loses is lost to all.
+        # With single scattering the layer also takes the energy that its lobe loses from the diffuse light.
         covered = dielectric * np.where(is_restored, 1 + np.repeat(layer_mean, _ENTRIES) * restored, 1 + lost)
         dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * restored
         diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in rows], np.float32)
@@ -234,7 +233,7 @@ class Gloss:
         return cls(surfaces, scene.tri_material, glossy, found, *means, lost, restored, edge, dielectric, below, dip, dip_rgb, coat, sheen)
 
     def find_diffuse(self, tri: IntArray, u: FloatArray, v: FloatArray, albedo: Float32) -> tuple[Float32, NDArray[np.int32]]:
-        """(3, n): the part of an albedo (3, n) that is reflected diffusely; and (n,) where tables have the surface."""
+        """(3, n): the part of an albedo (3, n) that is reflected diffusely; and (n,): rows of the tables."""
         row = self._find_lobes(tri, u, v)[0]
         left = albedo - self.surfaces.metal_at(tri, u, v).T
         if self.sheen:
@@ -242,11 +241,11 @@ class Gloss:
         return np.maximum(left, 0, out=left), row
 
     def find_rows(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.int32]:
-        """(n,): where tables have the surface at points of triangles."""
+        """(n,): rows of the tables at points of triangles."""
         return self._find_lobes(tri, u, v)[0]
 
     def _find_lobes(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[NDArray[np.int32], Float32, Float32]:
-        """(n,) each: the row, and the shares of the surface that are metal and that have a layer."""
+        """(n,) each: rows of the tables, and the shares of the surface that are metal and that have a layer."""
         material, rows = gather(self.tri_material, tri), self.rows
         if not self.surfaces.has_lobe_images:
             row = gather(rows.first, material)
@@ -258,13 +257,13 @@ class Gloss:
         return row, metal * (gather(self.metal, row) > 0), layer
 
     def _find_dip(self, row: IntArray, color: Float32, share: Float32) -> Float32 | None:
-        """(3, n): of how much cos (1 - cos)^6 metals reflect less than by Schlick's formula; None for none."""
+        """(3, n): factors of cos (1 - cos)^6 by which metals reflect less than by Schlick's formula; None if no metal does."""
         if self.dip_rgb is None:
             return None
         return (color * np.float32(1 - _EDGE) + share * np.float32(_EDGE)) * gather(self.dip_rgb, row)
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
-        """(3, n): share of light from directions at a cosine (n,) with the normal that is reflected specularly."""
+        """(3, n): specular albedo for directions at a cosine (n,) with the normal."""
         row, share, layer = self._find_lobes(tri, u, v)
         place = _find_place(row, cosine)
         edge, lost = _look_up(self.edge, *place), _look_up(self.lost, *place)
@@ -284,14 +283,14 @@ class Gloss:
         return out
 
     def below_layer(self, row: IntArray, cosine: Float32) -> Float32:
-        """(n,): share of diffuse light that leaves at a cosine (n,) with the normal, for what the layer reflects there is not below it.
+        """(n,): share of the diffuse light that layer, coat and sheen let out at a cosine (n,) with the normal.
 
-        row   (n,) of find_rows
+        row   (n,), from find_rows
         """
         return _look_up(self.below, *_find_place(row, cosine))
 
     def below_coat(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32 | None:
-        """(n,): share of what glass sends that its coat leaves, seen at a cosine (n,) with the normal; None where nothing has a coat."""
+        """(n,): transmittance of the coat above glass at a view cosine (n,) with the normal; None if nothing has a coat."""
         return None if self.coat is None else 1 - _look_up(self.coat.albedo, *_find_place(self.find_rows(tri, u, v), cosine))
 
     def reflect(
@@ -299,10 +298,10 @@ class Gloss:
     ) -> tuple[Float32, Float32]:
         """Directions (3, n) of reflected rays and their weights (3, n), whose mean is albedo_at; 0 below the surface.
 
-        direction   (3, n) float32, unit: along which rays arrive, from the side of their normals (3, n)
+        direction   (3, n) float32, unit: directions in which rays arrive, from the side of their normals (3, n)
         numbers     (2, n) float32, uniform in [0, 1)
-        of_light    the rays carry light rather than look for it. What is given back, and what coat and sheen leave, goes by the direction
-                    that is looked from, as in Cycles, so the weights are those of the adjoint (Veach 1997, 3.7.6)
+        of_light    whether the rays are photons. In Cycles the compensation, and the transmittance of coat and sheen, depend on the view
+                    direction, which is then the outgoing one: the weights are those of the adjoint (Veach 1997, 3.7.6)
         """
         if not self.sheen:
             return self._reflect_solid(tri, u, v, direction, normal, numbers, of_light)
@@ -323,13 +322,13 @@ class Gloss:
     def _reflect_fibres(
         self, row: IntArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool
     ) -> tuple[Float32, FloatArray]:
-        """As reflect, by sheen alone."""
+        """As reflect, for sheen only."""
         sheen = self.sheen
         assert sheen
         axes = (*(axis.T for axis in orthonormal_basis(normal.T)), normal)
         local = np.stack([-_dot(direction, axis) for axis in axes])
         local[2] = np.maximum(local[2], _HAIR)
-        if of_light:  # sampled as from diffuse surfaces, for the lobe is one of directions that light comes from
+        if of_light:  # cosine sampling, since the lobe is given for the view direction, which is the outgoing one here
             radius, turn = np.sqrt(numbers[0]), 2 * np.pi * numbers[1]
             out = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - numbers[0])])
             place = _find_place(row, out[2])
@@ -343,7 +342,7 @@ class Gloss:
     def _reflect_solid(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool
     ) -> tuple[Float32, Float32]:
-        """As reflect, by all but sheen."""
+        """As reflect, for everything but sheen."""
         row, share, layer = self._find_lobes(tri, u, v)
         alpha = gather(self.alpha, row)
         tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
@@ -381,7 +380,7 @@ class Gloss:
 
 
 def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatArray) -> FloatArray:
-    """(3, n): normals of microfacets as seen from view (3, n), around +Z, with density G1 max(view . h, 0) D / view_z per steradian.
+    """(3, n): normals of microfacets visible from view (3, n), around +Z, with density G1 max(view . h, 0) D / view_z per steradian.
 
     alpha     (n,) float
     numbers   (2, n) float, uniform in [0, 1)
@@ -405,7 +404,7 @@ def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatAr
 
 
 def mask(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
-    """(n,): G2 / G1, the weight of a direction that reflection at a visible normal gives, without Fresnel; 0 below the surface.
+    """(n,): G2 / G1, the weight without Fresnel of a direction that was reflected at a sampled visible normal; 0 below the surface.
 
     Source: Heitz 2018, eq. 19, with the height-correlated G2 of Heitz 2014.
     """
@@ -414,7 +413,7 @@ def mask(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> Fl
 
 
 def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
-    """(n,): share of unpolarised light that a smooth dielectric reflects, met from outside at a cosine (n,).
+    """(n,): share of unpolarised light from outside, at a cosine (n,) with the normal, that a smooth dielectric reflects.
 
     Source: Walter et al. 2007, eq. 22.
     """
@@ -426,10 +425,10 @@ def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
 
 
 def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> FloatArray:
-    """(n,): the same of a layer whose reflection straight on is scaled by a tint (n,), and is whole at grazing angles nevertheless.
+    """(n,): as fresnel, with the reflection at normal incidence scaled by a tint (n,) and that at grazing incidence unchanged.
 
-    Source: Hoffman 2019, "Fresnel equations considered harmful", with the exact equations for the way from straight on to grazing; as
-    Cycles has the Principled BSDF's Specular Tint.
+    Source: Hoffman 2019, "Fresnel equations considered harmful", with the exact equations in between; as Specular Tint of the Principled
+    BSDF in Cycles.
     """
     whole = fresnel(cosine, ior)
     straight_on = ((ior - 1) / (ior + 1)) ** 2
@@ -439,13 +438,13 @@ def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> Flo
 
 
 def reflect_schlick(cosine: float, straight_on: FloatArray) -> FloatArray:
-    """(n,): share of light that a metal reflects at a cosine, which reflects a share (n,) straight on."""
+    """(n,): share of light that a metal reflects at a cosine, if it reflects straight_on (n,) at normal incidence."""
     out: FloatArray = straight_on + (1 - straight_on) * (1 - cosine) ** 5
     return out
 
 
 def reflect_conductor(cosine: float, ior: FloatArray, extinction: FloatArray) -> FloatArray:
-    """(n,): share of unpolarised light that a conductor reflects at a cosine, by its complex index of refraction (n,) each.
+    """(n,): share of unpolarised light that a conductor reflects at a cosine, by its index of refraction and extinction (n,).
 
     Source: Fresnel's equations; Born & Wolf, "Principles of optics", section 13.4.
     """
@@ -458,15 +457,15 @@ def reflect_conductor(cosine: float, ior: FloatArray, extinction: FloatArray) ->
 
 @lru_cache(maxsize=1024)
 def average_fresnel(ior: float, tint: float = 1.0) -> float:
-    """Mean of tinted_fresnel over the hemisphere, for even light."""
+    """Cosine-weighted mean of tinted_fresnel over the hemisphere."""
     cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     return float((2 * cosine * tinted_fresnel(cosine, np.full(_SAMPLES, ior), np.full(_SAMPLES, tint))).mean())
 
 
 @lru_cache(maxsize=1024)
 def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0, samples: int = _SAMPLES) -> tuple[Float64, Float64, Float64, Float64]:
-    """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1; the mean of Schlick's (1 - cos)^5; that of cos (1 - cos)^6; and that of
-    tinted_fresnel; the three over the lobe, by single scattering. By so many samples each.
+    """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1, and the means over the lobe, by single scattering, of Schlick's
+    (1 - cos)^5, of cos (1 - cos)^6 and of tinted_fresnel.
     """
     cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), samples)
     index = np.arange(samples)
@@ -488,7 +487,7 @@ def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0, samples: int = _S
 
 
 def average_kept(lost: FloatArray) -> FloatArray:
-    """(n,): the mean over the hemisphere of E, of tables (n, _ENTRIES) of 1 / E - 1 by the root of the cosine."""
+    """(n,): cosine-weighted means of E over the hemisphere, from tables (n, _ENTRIES) of 1 / E - 1."""
     root = np.linspace(0, 1, _ENTRIES)
     kept = 1 / (1 + lost) * (4 * root**3)  # 2 cos d cos
     out: FloatArray = ((kept[:, 1:] + kept[:, :-1]) * 0.5).sum(axis=1) / (_ENTRIES - 1)
@@ -498,15 +497,15 @@ def average_kept(lost: FloatArray) -> FloatArray:
 def _give_back(
     color: FloatArray, share: FloatArray, dip: FloatArray | None, restored: FloatArray, kept_mean: FloatArray, rising: FloatArray
 ) -> FloatArray:
-    """(3, n): what multiple scattering adds to a metal's light, as a factor; color (3, n) is the share (n,) that is metal times its own,
-    as is dip (3, n), of _find_dip.
+    """(3, n): factor by which multiple scattering increases a metal's reflection. color (3, n) is the metal's own times its share (n,) of
+    the surface; dip (3, n), from _find_dip, likewise.
 
-    Each further scattering is tinted again: of F E' + F (1 - E') F E' + ... is left F E' / (1 - F (1 - E')), with the means F of Schlick's
-    formula, F0 + (1 - F0) / 21, less a 126th of the dip, or F0 itself where rising (n,) is 0, and E' of E.
+    Each scattering is tinted again, so F E' + F (1 - E') F E' + ... = F E' / (1 - F (1 - E')). F is the mean of Schlick's formula,
+    F0 + (1 - F0) / 21, less dip / 126, or F0 itself where rising (n,) is 0; E' is the mean of E.
     Source: Kulla & Conty 2017, "Revisiting physically based shading at Imageworks", as the factor of Turquin 2019, eq. 16.
     """
     own = np.divide(color, share, out=np.zeros_like(color), where=share > 0)
-    own = np.minimum(own / np.float32(MAX_ALBEDO), 1)  # what the clamp takes of white is lost once, not at each scattering
+    own = np.minimum(own / np.float32(MAX_ALBEDO), 1)  # the clamp of white counts once, not at each scattering
     mean = own + (1 - own) * (rising / np.float32(21))
     if dip is not None:
         mean = np.maximum(mean - np.divide(dip, share, out=np.zeros_like(dip), where=share > 0) / np.float32(126), 0)
@@ -522,14 +521,14 @@ def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
 
 
 def _choose(chance: FloatArray, numbers: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
-    """(n,) bool: which of two are chosen, the first by a chance (n,); and (2, n): numbers for what comes next, of numbers (2, n)."""
+    """(n,) bool: whether the first of two options is chosen, with probabilities chance (n,); and (2, n): numbers (2, n) to use further."""
     first = numbers[0] < chance
     rest = np.where(first, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR))
     return first, np.stack([np.clip(rest, 0, 1 - _HAIR), numbers[1]])
 
 
 def _find_place(row: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Where the tables of rows (n,) have a cosine (n,): the entry before it, and how far it is on the way to the next."""
+    """Place of cosines (n,) in the tables of rows (n,): index of the entry before, and fraction of the way to the next."""
     place = np.sqrt(np.minimum(np.abs(cosine), 1)) * (_ENTRIES - 1)
     before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
     return row * _ENTRIES + before, place - before

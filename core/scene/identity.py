@@ -1,4 +1,4 @@
-"""The digest of a bake: of all that decides its images."""
+"""The digest of everything that decides the images of a bake."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .snapshot import describe_snapshot, list_arrays
 
 
 def hash_bake(snapshot: SceneSnapshot, job: Job) -> str:
-    """Digest of all that decides the images of a bake: the scene, the code and the knobs that matter."""
+    """Digest of the scene, the code and the settings that decide the images of a bake."""
     knobs = {knob.name: getattr(job.settings, knob.name) for knob in fields(job.settings) if knob.metadata["decides_images"]}
     pieces: list[bytes | memoryview] = [
         hash_code().encode(),

@@ -1,4 +1,4 @@
-"""Rough irradiance at single points before a bake: enough to separate lit from unlit, too noisy to be shown."""
+"""Rough estimates of irradiance at points before a bake: good enough to tell lit from unlit, too noisy to be shown."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import Light, Material, SceneSnapshot
 
-MOST_LAMPS = 16  # that a point looks at; of more it looks at some, each of which then stands for others
-_MOST_FORM = 30.0  # of an area, by its distance squared, as it fills no more than pi: where a point lies on what glows
-_FAR = np.float32(4.0)  # beyond the unit box
-_NEAR_ENOUGH = np.float32(1.0 - 1e-4)  # of the way to a lamp, which may lie in a surface
+MOST_LAMPS = 16  # shadow rays per point; if there are more lamps, so many are chosen at random
+_MOST_FORM = 30.0  # bound of area * cosines / distance^2, for points on a glowing surface; a whole surface has at most pi
+_FAR = np.float32(4.0)  # length of rays that leave the unit box
+_NEAR_ENOUGH = np.float32(1.0 - 1e-4)  # length of a shadow ray over the distance of the lamp, which may lie in a surface
 
 
 @dataclass(frozen=True)
 class Seen:
     """Hits of one ray from each point.
 
-    tri        (n,) int32, -1 nothing
-    distance   (n,) float64, m; inf where it meets nothing
-    is_front   (n,) bool: the front of the triangle
+    tri        (n,) int32, -1 for a miss
+    distance   (n,) float64, m; inf for a miss
+    is_front   (n,) bool: whether the ray meets the front of the triangle
     """
 
     tri: NDArray[np.int32]
@@ -39,7 +39,7 @@ class Seen:
 
 
 class LightProbe:
-    """Light estimates at points of a scene, in one channel; a surface that transmits any light blocks none."""
+    """Estimates light at points of a scene, in one channel. Surfaces that transmit any light are left out."""
 
     def __init__(self, snapshot: SceneSnapshot, seed: int = 0) -> None:
         self.snapshot = snapshot
@@ -48,7 +48,7 @@ class LightProbe:
         self.normal, self.area = triangle_normals_areas(self._corner)
         blocks = np.array([one.casts_shadow for one in snapshot.objects], bool)[snapshot.tri_object]
         blocks &= ~np.array([_lets_light_pass(one) for one in snapshot.materials], bool)[snapshot.tri_material]
-        # Triangles without area are never hit, and so keep their numbers.
+        # Other triangles lose their area, so that they are never hit but all keep their numbers.
         self._rays = RayScene(self.box.to_unit(np.where(blocks[:, None, None], self._corner, self._corner[:, :1])))
         self._lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
         sky = snapshot.world_map if snapshot.world_map is not None else np.array(snapshot.world_rgb)
@@ -90,11 +90,11 @@ class LightProbe:
         return self._glowing[0]
 
     def meet(self, origin: NDArray[np.float32], direction: NDArray[np.float32]) -> NDArray[np.int32]:
-        """(n,) int32: the triangle that each ray meets, -1 none; from points that lie on no surface."""
+        """(n,) int32: the triangle that each ray meets, -1 for none; the origins lie on no surface."""
         return self._rays.closest(origin, direction).tri
 
     def find_irradiance(self, point: NDArray[np.float32], side: NDArray[np.float32], bounces: int = 1) -> NDArray[np.float64]:
-        """(n,) float64, W/m^2: from lamps and what glows, from the sky by one ray each, and what is reflected on the way."""
+        """(n,) float64, W/m^2: from lamps, glowing surfaces and the sky, by one path each with so many bounces."""
         total = np.zeros(len(point))
         throughput, rows = np.ones(len(point)), np.arange(len(point))
         third = np.full(len(point), 1.0 / 3.0, np.float32)
@@ -116,7 +116,7 @@ class LightProbe:
 
     @cached_property
     def _glowing(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Triangles that glow, their radiance, and the running sum of their powers as parts of 1."""
+        """Triangles that glow, their radiance, and the cumulative sum of their powers, normalised to 1."""
         tri = np.arange(self.snapshot.n_tri)
         third = np.full(len(tri), 1.0 / 3.0, np.float32)
         radiance = self._surfaces.emission_at(tri, third, third).mean(axis=1, dtype=np.float64)
@@ -125,7 +125,7 @@ class LightProbe:
         return tri, radiance[tri], power[tri] / power[-1] if len(tri) else power[:0]
 
     def _from_glow(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(n,) W/m^2, from one point of what glows each, chosen by power; surfaces glow on both sides."""
+        """(n,) W/m^2, by one shadow ray each to a point of a glowing triangle, chosen by power; surfaces glow on both sides."""
         tri, radiance, sums = self._glowing
         out = np.zeros(len(point))
         if not len(tri):

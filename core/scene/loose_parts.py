@@ -1,7 +1,7 @@
 """Loose parts of objects: triangles connected by edges, as in Blender's Separate by Loose Parts.
 
-Artists join objects that only stand on each other, and files often hold a whole house as one mesh. So the body that divides a surface is
-another loose part, of the same object or of another.
+Artists join objects that only stand on each other, and files often have a whole house as one mesh. So a body that divides a surface is
+taken to be any other loose part, of the same object or of another.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class LooseParts:
         self._part, self._lock = np.full(snapshot.n_tri, -1), Lock()
 
     def are_apart(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
-        """(m,) bool: whether triangles (m,) and (m,) are of different objects or loose parts."""
+        """(m,) bool: whether triangles one (m,) and other (m,) belong to different objects or loose parts."""
         thing = self._snapshot.tri_object
         apart: NDArray[np.bool_] = thing[one] != thing[other]
         rows = np.flatnonzero(~apart)
@@ -45,7 +45,7 @@ class LooseParts:
 
 
 def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> NDArray[np.int64]:
-    """(m,) int64: a label per triangle (m,), the least index in `tri` of the triangles of its object that are connected with it.
+    """(m,) int64: a label for each triangle (m,): the least index in `tri` among the triangles that are connected with it.
 
     Triangles that share a side are connected, see topology.join_open_sides.
     """

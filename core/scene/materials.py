@@ -15,7 +15,7 @@ from .scene import DIFFUSE, GLOSSY, MAX_ALBEDO, RAY_KINDS, SEEN_BY_ALL, SHADOW, 
 from .textures import Textures, clamp_colours, sample_texture
 
 _MAX_EMISSION = float(np.finfo(np.float32).max)
-_LEAST_TOLD = dict.fromkeys(("albedo", "metal", "translucency"), 2.0 - MAX_ALBEDO)  # white is 1; the loss is invisible
+_LEAST_TOLD = dict.fromkeys(("albedo", "metal", "translucency"), 2.0 - MAX_ALBEDO)  # no warning for white: its clamp is invisible
 _PIXELS_OF_ROW = 64
 
 
@@ -24,8 +24,8 @@ class _Layer:
     """One quantity of all surfaces: a colour per triangle times an optional image.
 
     tri_rgb      (3, n_tri) float32, already clamped where there is no image
-    tri_image    (n_tri,) int32, -1 none; None when no triangle has one
-    tri_uv       (3, 2, n_tri) float32: of triangle_frames; none without images
+    tri_image    (n_tri,) int32, -1 for none; None if no triangle has one
+    tri_uv       (3, 2, n_tri) float32: from triangle_frames; empty without images
     highest      upper limit of the product
     """
 
@@ -42,20 +42,20 @@ class _Layer:
             textured = (image >= 0).nonzero()[0]
             if len(textured):
                 tri, u, v = gather(tri, textured), gather(u, textured), gather(v, textured)
-                with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
+                with np.errstate(over="ignore", invalid="ignore"):  # overflowing values are not finite, and count as 0
                     shown = self.textures.at(gather(image, textured), locate_hits(self.tri_uv, tri, u, v).T)
                     product = clamp_colours(gather(rgb, textured) * shown.T, self.highest)
-                for channel, values in zip(rgb, product, strict=True):  # numpy is three times as quick row by row
+                for channel, values in zip(rgb, product, strict=True):  # numpy is three times as fast row by row
                     channel[textured] = values
         return rgb.T
 
 
 class SurfaceMaterials:
-    """Answers albedo, emission and transmittance at points of triangles; one gather where no image is involved.
+    """Albedo, emission and transmittance at points of triangles; a single gather where no image is involved.
 
-    tri_seen   (3, 3, n_tri) float32: share of what a surface sends on that diffuse, glossy and transmission rays see of it, by channel;
-               None where each sees all
-    by_kind    whether it makes any difference of which of these kinds rays between surfaces are
+    tri_seen   (3, 3, n_tri) float32: share of a surface's outgoing light that diffuse, glossy and transmission rays see, by channel; None
+               if all see all
+    by_kind    whether these kinds of rays between surfaces differ in any way
     """
 
     def __init__(self, scene: SceneSnapshot) -> None:
@@ -95,7 +95,7 @@ class SurfaceMaterials:
 
     @property
     def reflects(self) -> bool:
-        """Whether any triangle reflects any light, or bends it."""
+        """Whether any triangle reflects or refracts light."""
         return bool(self._reflecting.tri_rgb.any() or self._tri_glass.any())
 
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
@@ -107,7 +107,7 @@ class SurfaceMaterials:
         return self._albedo.at(tri, u, v)
 
     def reflectance_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Share of the light that arrives which other surfaces get: the albedo, but 0 on objects that they do not see; as albedo_at."""
+        """As albedo_at, but 0 on objects that rays between surfaces do not see: the share of light that other surfaces get."""
         return self._reflecting.at(tri, u, v)
 
     def emission_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
@@ -119,56 +119,56 @@ class SurfaceMaterials:
         return self._emission.at(tri, u, v)
 
     def metal_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """The part of reflectance_at that a metal reflects as a mirror does; as albedo_at."""
+        """The part of reflectance_at that a metal reflects specularly; arguments are as for albedo_at."""
         return self._metal.at(tri, u, v)
 
     @property
     def has_lobe_images(self) -> bool:
-        """Whether roughness or shares of any triangle vary over it."""
+        """Whether roughness or shares vary over any triangle."""
         return self._lobes.tri_image is not None
 
     def lobes_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Roughness, and the shares of the surface that are metal and that have a dielectric layer, within [0, 1]; as albedo_at."""
+        """(n, 3): roughness, and the shares of the surface that are metal and that have a dielectric layer, within [0, 1]."""
         return self._lobes.at(tri, u, v)
 
     def through_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """The part of reflectance_at that leaves diffusely on the other side; as albedo_at."""
+        """The part of reflectance_at that leaves diffusely on the other side; arguments are as for albedo_at."""
         return self._through.at(tri, u, v)
 
     def find_through(self) -> NDArray[np.bool_]:
-        """(n_tri,) bool: triangles through which light leaves diffusely on the other side."""
+        """(n_tri,) bool: translucent triangles, from which light leaves diffusely on the other side too."""
         return self._tri_through
 
     def glass_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Tint of light that glass refracts, times the share of the surface that is glass; as albedo_at."""
+        """Tint of light that glass refracts, times the share of the surface that is glass; arguments are as for albedo_at."""
         return self._glass.at(tri, u, v)
 
     def find_glass(self) -> NDArray[np.bool_]:
-        """(n_tri,) bool: triangles of glass that other surfaces see."""
+        """(n_tri,) bool: triangles of glass that rays between surfaces see."""
         return self._tri_glass
 
     def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, kind: int) -> NDArray[np.float32]:
         """Share of light that goes straight on through a surface, within [0, 1].
 
         tri      (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
-        kind     SHADOW for light on its way from a lamp; for light between surfaces the kind of ray that looks for it
+        kind     SHADOW for light straight from a lamp; for light between surfaces the kind of ray in Cycles, which starts at the receiver
         out      (n, 3) float32; its transpose is contiguous
         """
         return self._passing[kind].at(tri, u, v)
 
     @property
     def has_two_passings(self) -> bool:
-        """Whether anything lets another share of light pass from lamps than between surfaces."""
+        """Whether the transmittance of any surface for light from lamps differs from that for diffuse rays between surfaces."""
         return self._passing[SHADOW] is not self._passing[DIFFUSE]
 
     def find_passing(self, kind: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(n_tri,) bool: triangles that light may pass through, and those that it passes through whole, everywhere on them."""
+        """(n_tri,) bool each: triangles that light may pass through, and those that transmit all light everywhere."""
         layer = self._passing[kind]
         passes, whole = layer.tri_rgb.any(axis=0), (layer.tri_rgb == 1).all(axis=0)
         return passes, whole if layer.tri_image is None else whole & (layer.tri_image < 0)
 
     def find_void(self) -> NDArray[np.bool_]:
-        """(n_tri,) bool: triangles that light passes as if they were not there."""
+        """(n_tri,) bool: triangles that have no effect on light."""
         void: NDArray[np.bool_] = ~(self._reflecting.tri_rgb.any(axis=0) | self._tri_glass)
         for kind in RAY_KINDS:
             void &= self.find_passing(kind)[1]
@@ -176,7 +176,7 @@ class SurfaceMaterials:
 
 
 def find_ray_kinds(materials: Sequence[Material]) -> tuple[int, int, int]:
-    """Where diffuse, glossy and transmission rays leave no surface of a kind, DIFFUSE stands for it: nothing is seen by it."""
+    """DIFFUSE, GLOSSY and TRANSMISSION; DIFFUSE replaces kinds of rays that no material sends."""
     bends = any(any(one.glass_rgb) for one in materials)
     shines = bends or any(
         one.layer > 0 or one.coat > 0 or any(one.metal_rgb) or any(one.sheen_rgb) or any(one.glass_mirror_rgb) for one in materials
@@ -185,7 +185,7 @@ def find_ray_kinds(materials: Sequence[Material]) -> tuple[int, int, int]:
 
 
 def _layer_passing(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArray[np.bool_]) -> list[_Layer]:
-    """What passes of light between surfaces, by the kind of ray, and of that from lamps; the same layer where that is the same.
+    """Transmittances for the kinds of rays between surfaces, and for shadow rays; equal ones are the same object.
 
     seen_by   (3, n_object) bool
     """
@@ -218,7 +218,7 @@ def _layer_passing(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: N
 
 
 def _find_seen(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArray[np.bool_]) -> NDArray[np.float32] | None:
-    """As of SurfaceMaterials.tri_seen; all of what nothing sees, whose reflectance is 0 already."""
+    """SurfaceMaterials.tri_seen; 1 for objects that no ray sees, whose reflectance is 0 already."""
     partly = seen_by.any(axis=0) & ~seen_by.all(axis=0)
     if not partly.any() and all(one.seen_rgb == SEEN_BY_ALL for one in scene.materials):
         return None
@@ -229,7 +229,7 @@ def _find_seen(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArr
 
 
 def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
-    """Values changed by albedo_at and emission_at: (material name, sentence)."""
+    """(material name, sentence) for each value that is clamped."""
     return [(material.name, text) for index, material in enumerate(scene.materials) for text in _material_warnings(scene, index, material)]
 
 
@@ -263,7 +263,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
 
 
 def _find_ends(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Least and greatest (3,) of pixels (n, 3), n > 0; of many in a row numpy finds them ten times as quickly as of three numbers."""
+    """Least and greatest (3,) of pixels (n, 3), n > 0; numpy is ten times as fast on rows of many pixels as on three numbers."""
     whole = len(pixels) // _PIXELS_OF_ROW * _PIXELS_OF_ROW
     parts = [pixels[:whole].reshape(-1, 3 * _PIXELS_OF_ROW), pixels[whole:].reshape(-1, 3)]
     ends = [[find(part, axis=0).reshape(-1, 3) for part in parts if len(part)] for find in (np.min, np.max)]
@@ -271,7 +271,7 @@ def _find_ends(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArra
 
 
 def _fill(layer: _Layer, tri: NDArray[np.bool_], value: float) -> dict[str, Any]:
-    """The arrays of a layer with one value on some triangles (n_tri,)."""
+    """The arrays of a layer with one value on triangles tri (n_tri,) bool."""
     image = None if layer.tri_image is None else np.where(tri, np.int32(-1), layer.tri_image)
     return {"tri_rgb": np.where(tri, np.float32(value), layer.tri_rgb), "tri_image": image}
 
@@ -288,5 +288,5 @@ def _layer(
     tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
     if not (tri_image >= 0).any():
         return _Layer(tri_rgb, None, np.zeros((3, 2, 0), np.float32), Textures([]), highest)
-    with np.errstate(over="ignore", invalid="ignore"):  # as where they are used
+    with np.errstate(over="ignore", invalid="ignore"):  # as in _Layer.at
         return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), Textures(scene.images), highest)

@@ -1,4 +1,4 @@
-"""Images at 1/2, 1/4 ... of their size: means of the values and of their squares, so that no bright spot is missed.
+"""Mipmaps of images, of means of the values and of their squares, so that no bright spot is missed.
 
 Source: Williams 1983, "Pyramidal Parametrics".
 """
@@ -14,7 +14,7 @@ from ..util.arrays import FloatArray, IntArray
 from .scene import TextureImage
 from .textures import clamp_colours, sample_texture
 
-_ROWS = 256  # rows of a level made at once: the squares of a whole image would take much memory
+_ROWS = 256  # rows of a level made at once, since the squares of a whole image would take much memory
 _MOST = np.finfo(np.float32).max
 
 
@@ -22,7 +22,7 @@ class Mipmap:
     """Mipmap of an image times a colour, (3,), from half size on; levels are made at their first use."""
 
     def __init__(self, image: TextureImage, rgb: tuple[float, float, float]) -> None:
-        self._image = replace(image, closest=False)  # sizes need not be even, and texels of levels lie a little apart from their own
+        self._image = replace(image, closest=False)  # interpolated, since with odd sizes the texels of levels are slightly displaced
         self._shown = image.pixels, np.array(rgb, np.float32)
         self._levels: list[tuple[TextureImage, TextureImage]] = []
 
@@ -39,7 +39,7 @@ class Mipmap:
         edge, parts = _find_edges(len(pixels)), []
         for first in range(0, len(edge) - 1, _ROWS):
             rows = edge[first : first + _ROWS + 1]
-            with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, and so 0
+            with np.errstate(over="ignore", invalid="ignore"):  # overflowing values are not finite, and count as 0
                 shown = clamp_colours(pixels[rows[0] : rows[-1]] * rgb, np.inf)
                 squares = np.minimum(shown * shown, _MOST)
             parts.append([_average(values, rows - rows[0]) for values in (shown, squares)])
@@ -48,20 +48,20 @@ class Mipmap:
 
 
 def halve(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """((height + 1) // 2, (width + 1) // 2, 3) float32: means of four texels, at places of odd sizes of two or one; (height, width, 3)."""
+    """((height + 1) // 2, (width + 1) // 2, 3) float32: means of four texels of (height, width, 3); with odd sizes some of two or one."""
     return _average(pixels, _find_edges(len(pixels)))
 
 
 def _find_edges(size: int) -> IntArray:
-    """First texels of about size / 2 blocks of one or two, and the end: none lies half a block from where its share of the size begins."""
+    """First texels of (size + 1) // 2 blocks of one or two texels, and the end; each starts within half a block of its even share."""
     count = (size + 1) // 2
     return np.arange(count + 1) * size // count
 
 
 def _average(pixels: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
-    """Means over blocks of rows, beginning at `rows`, and of columns."""
+    """Means over blocks of rows, which begin at `rows`, and of columns."""
     for axis, edge in enumerate((rows, _find_edges(pixels.shape[1]))):
-        half = pixels.take(edge[:-1], axis)  # the first and the last of a block, which may be the same
+        half = pixels.take(edge[:-1], axis)  # mean of the first and the last of a block, which may be the same
         half *= np.float32(0.5)
         half += np.float32(0.5) * pixels.take(edge[1:] - 1, axis)
         pixels = half

@@ -1,4 +1,4 @@
-"""Cells of space that hold what is near and faces the same way, as numbers whose leading bits are those of the cells around."""
+"""Morton codes of cells of space and orientation; the leading bits of a code are those of the enclosing cells."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from ..util.arrays import IntArray
 from ..util.geometry import UnitBox, triangle_normals_areas
 from .scene import SceneSnapshot
 
-# Shifts and masks that put two zeros between bits that follow each other, of numbers of up to eight bits.
+# Shifts and masks that put two zeros between the bits of numbers of up to eight bits.
 _SPREAD = ((8, 0x00F00F), (4, 0x0C30C3), (2, 0x249249))
 
 
 def code_cells(scene: SceneSnapshot, tri: IntArray, bits: int) -> NDArray[np.int64]:
-    """(m,): of the cell that each of the triangles (m,) lies in: which of six ways it faces, and then its Morton code.
+    """(m,) int64: code of the cell in which each of the triangles (m,) lies: one of six directions that it faces, then the Morton code.
 
-    bits   halvings of the scene's box, up to 8; without the last three bits of a number, or six, it is that of a cell twice, or four times,
-           as large
+    bits   halvings of the scene's box, up to 8. Without its last three bits, a code is that of a cell twice as large, and so on
     """
     corner = scene.vertex_position[scene.tri_vertex[tri]].astype(np.float64)
     middle = UnitBox.from_points(scene.vertex_position).to_unit(corner.mean(axis=1)) + 0.5

@@ -1,4 +1,4 @@
-"""Shading normals out of images: what a material's bump and normal maps make of a surface."""
+"""Shading normals from images: bump and normal maps of materials."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ..util.geometry import dot_rows, gather, locate_hits, triangle_frames
 from .scene import SceneSnapshot
 from .textures import Textures
 
-_SHORTEST_NORMAL = 1e-3  # of a mean of unit normals that say nothing together
+_SHORTEST_NORMAL = 1e-3  # length of an interpolated normal below which it has no direction
 
 
 @dataclass(frozen=True)
 class NormalMaps:
     """The images of normals of a scene's triangles.
 
-    tri_image   (n_tri,) int32, -1 none
-    tri_uv      (3, 2, n_tri) float32   of triangle_frames
-    tri_row     (n_tri,) int32          rows of those in tangent space, -1 none; or
-    strength    (n,) float32            of each, and
-    tangents    (3, 9, n) float32       of triangle_frames: tangent, bitangent and normal
+    tri_image   (n_tri,) int32, -1 for none
+    tri_uv      (3, 2, n_tri) float32   from triangle_frames
+    tri_row     (n_tri,) int32          column below of a triangle whose map is in tangent space, -1 for others
+    strength    (n,) float32
+    tangents    (3, 9, n) float32       from triangle_frames: tangent, bitangent and normal
     """
 
     tri_image: NDArray[np.int32]
@@ -35,7 +35,7 @@ class NormalMaps:
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot) -> NormalMaps | None:
-        """None where no triangle has one."""
+        """None if no triangle has a map."""
         image = np.array([material.normal_image for material in snapshot.materials], np.int32)[snapshot.tri_material]
         if not (image >= 0).any():
             return None
@@ -48,15 +48,15 @@ class NormalMaps:
         return cls(image, triangle_frames(snapshot.tri_normal_uv), Textures(snapshot.images), row, strength[own], tangents)
 
     def has(self, tri: IntArray) -> NDArray[np.bool_]:
-        """(n,) bool: which triangles (n,) have an image."""
+        """(n,) bool: whether triangles (n,) have a map."""
         found: NDArray[np.bool_] = gather(self.tri_image, tri) >= 0
         return found
 
     def look_up(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32) -> tuple[NDArray[np.int64], Float32]:
-        """Which of n points have a normal of their own, (m,) int64, and (3, m) float32: these normals, unit.
+        """Rows (m,) int64 of those of n points that have a normal from a map, and the normals, (3, m) float32, unit.
 
         tri, u, v   (n,) triangles, and weights of their corners 1 and 2
-        side        (3, n) float32, unit: on which side the normals are to be
+        side        (3, n) float32, unit: the normals are turned to this side
         """
         rows = self.has(tri).nonzero()[0]
         own = gather(tri, rows)
@@ -72,12 +72,12 @@ class NormalMaps:
         length = np.sqrt((normal * normal).sum(axis=0))
         is_known = length > _SHORTEST_NORMAL
         rows, normal, length = rows[is_known], normal[:, is_known], length[is_known]
-        # A surface that is seen from its back, or was turned, has the same bumps the other way round.
+        # A surface that is seen from its back, or was turned, has the same bumps with opposite normals.
         ahead = (normal * gather(side, rows)).sum(axis=0)
         return rows, normal * (np.where(ahead < 0, -1.0, 1.0).astype(np.float32) / length)
 
     def _turn(self, rgb: Float32, row: IntArray, u: FloatArray, v: FloatArray) -> Float32:
-        """(3, n) float32, unit or 0: colours (3, n) of normal maps as normals in the world, at weights u, v (n,) of corners 1 and 2.
+        """(3, n) float32, unit or 0: normals in world space from colours (3, n) of normal maps, at weights u, v (n,) of corners 1 and 2.
 
         Source: Blender, intern/cycles/kernel/svm/tex_coord.h, svm_node_normal_map.
         """
@@ -94,13 +94,13 @@ class NormalMaps:
         return turned
 
     def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[NDArray[np.int64], Float32]:
-        """Which of n particles meet a normal of a map, (m,) int64, and what their light is worth there, (m,) float32.
+        """Rows (m,) int64 of those of n photons that meet a normal map, and factors (m,) float32 on their light.
 
-        That is their cosine with this normal over that with the surface, and what bumps do not hide: all light that leaves the surface
-        diffusely is scaled by it, in whatever direction.
+        The factor is the cosine with the map's normal over that with the surface, times the shadowing of bumps. It scales all light that
+        leaves the surface diffusely, in any direction.
 
         side        (3, n) float32, unit: normal of the surface on the side that they meet
-        direction   (3, n) float32, unit: along which they come
+        direction   (3, n) float32, unit: direction of the photons
         Source: Veach 1997, "Robust Monte Carlo methods for light transport simulation", section 5.3.
         """
         rows, normal = self.look_up(tri, u, v, side)
@@ -112,15 +112,15 @@ class NormalMaps:
 
 
 def shade_bumps(side: Float32, normal: Float32, direction: Float32) -> Float32:
-    """(n,) float32 in [0, 1]: shadowing of bumps by each other, nearly 1 unless light is grazing and bumps are steep.
+    """(n,) float32 in [0, 1]: unshadowed share of bumps, nearly 1 unless light is grazing and bumps are steep.
 
-    side        (n, 3) float32, unit     normal of the surface without its bumps
-    normal      (n, 3) float32, unit     with them
-    direction   (n, 3) float32, unit     where the light comes from
+    side        (n, 3) float32, unit     normal of the surface without bumps
+    normal      (n, 3) float32, unit     normal with bumps
+    direction   (n, 3) float32, unit     towards the light
     Source: Conty Estevez, Lecocq & Stein 2019, "A Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem"; Cycles does
     the same.
     """
-    steep = np.clip(dot_rows(side, normal), np.float32(1e-4), np.float32(1))  # rounding brings it above 1, and a root below 0
+    steep = np.clip(dot_rows(side, normal), np.float32(1e-4), np.float32(1))  # rounding may exceed 1, which would make a root negative
     height = np.maximum(dot_rows(side, direction), np.float32(1e-4))
     roughness = np.minimum((1 / (steep * steep) - 1) / 8, 1)
     shade: Float32 = 2 / (1 + np.sqrt(1 + roughness * (1 / (height * height) - 1)))

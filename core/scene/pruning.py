@@ -1,4 +1,4 @@
-"""Leaves out lights without power or reach, and folds textures of one colour, before any ray is traced."""
+"""Removes lights without power or reach, and replaces textures of one colour by constants, before any ray is traced."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Colour: TypeAlias = tuple[float, float, float]
 
 
 def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]:
-    """A scene that bakes alike with less work; and how many lights and textures were left out.
+    """A scene that bakes to the same light with less work, and the numbers of lights and textures that were left out.
 
-    Triangles and objects stay as they are. A scene whose lights all go keeps them: it has light, unlike a scene without lights.
+    Triangles and objects stay as they are. If no light would be left, all stay, since a scene without lights is an error.
     """
     if not uses("pruning"):
         return snapshot, {}
@@ -36,7 +36,7 @@ def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]
 
 
 def can_reach(light: Light, points_m: NDArray[np.float64]) -> bool:
-    """Whether a light may shine at any of these points (n, 3); where in doubt, it may."""
+    """Whether a light may reach any of the points (n, 3); true in case of doubt."""
     if not len(points_m) or light.kind not in ("AREA", "SPOT"):
         return True
     axis = -np.array(light.rotation, np.float64)[2]
@@ -56,7 +56,7 @@ def can_reach(light: Light, points_m: NDArray[np.float64]) -> bool:
 
 
 def _find_colour(image: TextureImage) -> Colour | None:
-    """The colour that an image has everywhere; None where it has not."""
+    """The colour of an image of one colour, else None."""
     pixels = image.pixels.reshape(-1, 3)
     if not len(pixels) or image.extension == "CLIP" or not np.isfinite(pixels[0]).all() or (pixels != pixels[0]).any():
         return None
@@ -68,13 +68,13 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
     changed: dict[str, Any] = {}
     for image in (image for images in TEXTURE_UVS.values() for image in images):
         rgb = image.replace("_image", "_rgb")
-        if getattr(material, rgb, None) is not None:  # normals have none
+        if getattr(material, rgb, None) is not None:  # normals have no constant
             changed[rgb], changed[image] = _fold_texture(getattr(material, rgb), getattr(material, image), colour)
     return replace(material, **changed)
 
 
 def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple[Colour, int]:
-    """A constant times an image, without the image where that changes nothing."""
+    """A constant times an image, as a constant alone if the image has one colour."""
     factor = colour[image] if image >= 0 and any(rgb) else (1.0, 1.0, 1.0)
     if factor is None:
         return rgb, image

@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 from ..util.geometry import triangle_normals_areas
 from ..util.threads import count_usable
 
-# Address space that embree 4.4 takes: its libraries; then what least limit it survived with one triangle, one and three million, on one
-# processor and on two (132 MB, 340 bytes a triangle, 8 MB a processor that this process may use).
+# Address space that embree 4.4 needs: for its libraries, and for a scene. The latter is the least limit that it survived with one triangle,
+# one million and three million, on one processor and on two: 132 MB, 340 bytes per triangle, 8 MB per processor that this process may use.
 _LIBRARY_BYTES = 64 << 20
 _SCENE_BYTES, _TRIANGLE_BYTES, _PROCESSOR_BYTES = 144 << 20, 352, 8 << 20
 
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays first meet a triangle.
+    """Closest hits of rays.
 
-    tri        (n,) int32     -1 where the ray meets nothing; u and v are 0 there
-    u, v       (n,) float32   barycentric weights of corners 1 and 2; rounding may leave the triangle by 2e-7
-    distance   (n,) float32   in lengths of the ray's direction; huge where the ray meets nothing
+    tri        (n,) int32     -1 for a miss; u and v are then 0
+    u, v       (n,) float32   barycentric weights of corners 1 and 2; by rounding, up to 2e-7 outside of the triangle
+    distance   (n,) float32   in lengths of the ray's direction; huge for a miss
     """
 
     tri: NDArray[np.int32]
@@ -39,19 +39,19 @@ class RayScene:
     """The triangles in a bvh. Rays have no least distance: callers offset their origins (geometry.offset_origin).
 
     tri_position_unit   (n_tri, 3, 3) float32, unit box; triangles without area are never hit
-    Raises ValueError when embreex cannot be loaded, MemoryError where there is no room for the bvh.
+    Raises ValueError if embreex cannot be loaded, MemoryError if there is no room for the bvh.
     """
 
     def __init__(self, tri_position_unit: NDArray[np.float32]) -> None:
         self._tri_position_unit = tri_position_unit
         solid = triangle_normals_areas(tri_position_unit)[1] > 0
-        # A triangle without area can still catch a ray through rounding, with a normal of noise.
+        # By rounding, a triangle without area could still be hit, and its normal is arbitrary.
         self._tri_of_primitive: NDArray[np.int32] | None = None
         if not solid.all():
-            self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, finds the last
+            self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, takes the last
         embree_scene, triangle_mesh = _load_embree()
         _ask_for(_SCENE_BYTES + _TRIANGLE_BYTES * len(tri_position_unit) + _PROCESSOR_BYTES * count_usable())
-        self._embree = embree_scene(robust=True)  # without it 1 of 15 rays aimed at an edge slips through; costs nothing measurable
+        self._embree = embree_scene(robust=True)  # otherwise 1 of 15 rays aimed at an edge slips through; it costs nothing measurable
         if solid.any():
             triangle_mesh(self._embree, np.ascontiguousarray(tri_position_unit[solid], np.float32))
         # The first run commits the scene, which is not thread-safe.
@@ -61,10 +61,10 @@ class RayScene:
         return RayScene, (self._tri_position_unit,)  # a bvh cannot be pickled; workers build their own
 
     def closest(self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32] | None = None) -> Hits:
-        """The first triangle along each ray, either side.
+        """The first triangle along each ray, from either side.
 
         origin, direction   (n, 3) float32, unit box; any strides
-        distance            (n,) float32, in lengths of the direction: how far to look
+        distance            (n,) float32, length of the ray in lengths of the direction; None for no limit
         """
         limit = None if distance is None else np.array(distance, np.float32)  # embreex writes to it
         found = self._embree.run(origin, direction, limit, output=1)
@@ -84,14 +84,14 @@ class RayScene:
 
 
 def load_ahead() -> None:
-    """Loads embreex ahead of the first scene; errors are raised when a scene is made."""
+    """Load embreex before the first scene; errors are raised when a scene is made."""
     with contextlib.suppress(ValueError, MemoryError):
         _load_embree()
 
 
 def _load_embree() -> tuple[Any, Any]:
     if "embreex" not in sys.modules:
-        _ask_for(_LIBRARY_BYTES)  # otherwise the error would be that embreex cannot be loaded
+        _ask_for(_LIBRARY_BYTES)  # otherwise a lack of memory would be reported as a failure to load embreex
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
@@ -104,8 +104,8 @@ def _load_embree() -> tuple[Any, Any]:
 
 
 def _ask_for(n_bytes: int) -> None:
-    """Raises MemoryError if this process cannot get so much more memory; embree would end the process without a message."""
+    """Raise MemoryError if this process cannot get so much more memory: embree would end the process without a message."""
     try:
-        mmap.mmap(-1, n_bytes).close()  # none of it is touched, so this takes no memory, and microseconds
+        mmap.mmap(-1, n_bytes).close()  # untouched, it takes no memory and only microseconds
     except OSError as reason:
         raise MemoryError(f"{n_bytes >> 20} MB for the ray tracer") from reason

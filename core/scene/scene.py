@@ -1,6 +1,6 @@
-"""SceneSnapshot: all the core knows of a scene, as frozen struct-of-arrays.
+"""SceneSnapshot: everything that the core knows of a scene, as a frozen struct of arrays.
 
-Metres, watts, linear Rec.709 RGB, +Z up, world space. -1 is "none".
+Units are metres and watts; colours are linear Rec.709 RGB; coordinates are in world space, +Z up. An index of -1 means none.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Rgb: TypeAlias = tuple[float, float, float]
-# Kinds of rays, as Cycles has them, which looks from the receiver: by what a ray left the surface before. SHADOW are those toward lamps.
+# Kinds of rays as in Cycles, which traces from the receiver: by how a ray left the last surface. SHADOW rays go toward lamps.
 RAY_KINDS = DIFFUSE, GLOSSY, TRANSMISSION, SHADOW = 0, 1, 2, 3
 SEEN_BY_ALL: tuple[Rgb, Rgb, Rgb] = ((1.0, 1.0, 1.0),) * 3
-MAX_ALBEDO = 0.999  # a whiter surface would keep its photons for ever
-# The texture coordinates of a SceneSnapshot, and the images of a Material that lie by each.
+MAX_ALBEDO = 0.999  # photons between whiter surfaces would be reflected for ever
+# The texture coordinates of a SceneSnapshot, and the images of a Material that use each.
 TEXTURE_UVS = {
     "tri_albedo_uv": ("albedo_image",),
     "tri_emission_uv": ("emission_image",),
@@ -35,25 +35,25 @@ class SceneObject:
     """One object; its triangles are tri_object == its index in SceneSnapshot.objects."""
 
     name: str
-    receives: bool = True  # gets a lightmap; the others only cast light and shadow
+    receives: bool = True  # gets a lightmap; other objects only emit, reflect and block light
     two_sided: bool = False  # light on both sides of a face is summed
-    has_layer: bool = False  # tri_uv holds an existing UV layer to be used as it is
+    has_layer: bool = False  # tri_uv has an existing UV layer, which is used as it is
     casts_shadow: bool = True
-    # Whether diffuse, glossy and transmission rays see it; light between surfaces passes through it for the others.
+    # Whether diffuse, glossy and transmission rays see it; those that do not pass through it.
     seen_by: tuple[bool, bool, bool] = (True, True, True)
-    lights: tuple[int, ...] | None = None  # as of Light, of what glows on it
+    lights: tuple[int, ...] | None = None  # as in Light, for the emission of its materials
     blocked_by: tuple[int, ...] | None = None
-    mesh: int = -1  # objects of one number share a mesh that may hold the UVs of all; -1 shares none
-    sides: str = ""  # of settings.SIDES, "" as the settings have it
-    density_factor: float = 1.0  # its texels per metre, relative to the others'; a layer of its own says that itself
+    mesh: int = -1  # objects with the same number share a mesh, so they may share UVs; -1 for a mesh of its own
+    sides: str = ""  # one of settings.SIDES; "" for that of the settings
+    density_factor: float = 1.0  # its texels per metre relative to other objects'; without effect on an object with a layer
 
 
 @dataclass(frozen=True)
 class Material:
     """Diffuse reflectance, emitted radiance and transmittance, each a constant times an optional image.
 
-    Transmittance is the share of light that goes straight on through the surface; the albedo is what is reflected of all light that
-    arrives, so that per channel the two add up to 1 at most.
+    Transmittance is the share of the arriving light that goes straight through the surface, albedo the share that is reflected; per channel
+    they add up to at most 1.
     """
 
     name: str
@@ -63,51 +63,51 @@ class Material:
     emission_image: int = -1
     passing_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # for diffuse rays
     passing_image: int = -1
-    shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays, where it is another than passing_rgb
+    shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays; None if it equals passing_rgb
     shadow_passing_image: int = -1  # with shadow_passing_rgb
-    glossy_passing_rgb: tuple[float, float, float] | None = None  # the same for glossy rays
+    glossy_passing_rgb: tuple[float, float, float] | None = None  # for glossy rays, likewise
     glossy_passing_image: int = -1
-    transmission_passing_rgb: tuple[float, float, float] | None = None  # and for transmission rays
+    transmission_passing_rgb: tuple[float, float, float] | None = None  # for transmission rays, likewise
     transmission_passing_image: int = -1
-    # What diffuse, glossy and transmission rays see of what is reflected and bent, and of the emission, relative to the values here.
+    # Shares of reflected and refracted light, and of emission, that diffuse, glossy and transmission rays see.
     seen_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
     glow_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
-    normal_image: int = -1  # unit shading normals in the world, in place of those at the corners; or
-    normal_strength: float | None = None  # of a normal map in tangent space, from 0 to 1 as its file has it, along tri_tangents
-    metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that is a metal's, and reflected as in a mirror
+    normal_image: int = -1  # unit shading normals in world space instead of those at the corners; with normal_strength a normal map
+    normal_strength: float | None = None  # of a normal map in tangent space, with values 0 to 1 as in its file, relative to tri_tangents
+    metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that a metal reflects specularly
     metal_image: int = -1
-    metal: float = 1.0  # share of the surface that is metal, on average
-    metal_edge_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)  # tint of what the metal reflects at 82 degrees, beside Schlick's formula
-    metal_flat: bool = False  # it reflects its colour alike at all angles, in place of Schlick's formula
-    lobe_image: int = -1  # roughness, share of metal and share with a layer as its channels, in place of the three means
-    layer: float = 0.0  # share of the surface that has a dielectric layer above what is diffuse
-    diffuse: float = 1.0  # share of the surface that is diffuse, of which the layer and the coat cover as much as they can
+    metal: float = 1.0  # mean share of the surface that is metal
+    metal_edge_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)  # tint of the metal's reflection at 82 degrees, on Schlick's formula
+    metal_flat: bool = False  # the metal reflects equally at all angles, instead of by Schlick's formula
+    lobe_image: int = -1  # channels are roughness, share of metal and share with a layer, instead of the three means
+    layer: float = 0.0  # share of the surface that has a dielectric layer above the diffuse part
+    diffuse: float = 1.0  # share of the surface that is diffuse; the layer and the coat cover as much of it as they can
     roughness: float = 0.5  # of the metal and of the layer; GGX's alpha is its square
     ior: float = 1.5  # of the layer
-    multiscatter: bool = True  # metal and layer give back what their rough facets lose by scattering once
-    layer_tint: float = 1.0  # scales what the layer reflects straight on; at grazing angles it reflects all
-    coat: float = 0.0  # share of the surface that has a clear coat above all of this
+    multiscatter: bool = True  # metal and layer are compensated for the energy that single scattering loses
+    layer_tint: float = 1.0  # factor on the layer's reflection at normal incidence; at grazing angles it reflects all
+    coat: float = 0.0  # share of the surface that has a clear coat above everything else
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
     sheen_rgb: tuple[float, float, float] = (
         0.0,
         0.0,
         0.0,
-    )  # share of the surface with sheen, times its tint; the albedo holds what it reflects
+    )  # share of the surface with sheen, times its tint; the albedo contains its reflection
     sheen_roughness: float = 0.5
     glass_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # tint of what glass refracts, times the share of the surface that is glass
     glass_image: int = -1
-    glass_mirror_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of what it reflects, times the same share
-    glass_fresnel: bool = True  # what is reflected goes by Fresnel's equations; else nothing is
+    glass_mirror_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # tint of what glass reflects, times the same share
+    glass_fresnel: bool = True  # reflection follows Fresnel's equations; else nothing is reflected
     glass_roughness: float = 0.0  # GGX's alpha is its square
     glass_multiscatter: bool = True
-    glass_ior: float = 1.5  # of the side that faces look away from, over that of the other
-    through_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that leaves on the other side, diffusely
+    glass_ior: float = 1.5  # index behind the faces over that before them
+    through_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that leaves diffusely on the other side
     through_image: int = -1
 
     @property
     def images(self) -> tuple[int, ...]:
-        """All that it shows, -1 none."""
+        """All images, -1 for none."""
         return tuple(getattr(self, image) for images in TEXTURE_UVS.values() for image in images)
 
 
@@ -122,7 +122,7 @@ class TextureImage:
     pixels: NDArray[np.float32]
     extension: str = "REPEAT"  # REPEAT, EXTEND, CLIP or MIRROR, as in Blender
     closest: bool = False  # no interpolation
-    per_triangle: bool = False  # 2 x 2 texels for each triangle: its corners, and what makes the colour linear between them
+    per_triangle: bool = False  # 2 x 2 texels for each triangle: its three corners, and one that makes the colour linear between them
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Light:
     rotation: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     power_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius_m: float = 0.0  # POINT and SPOT
-    soft_falloff: bool = True  # POINT and SPOT: a disk that turns to the receiver, else a sphere
+    soft_falloff: bool = True  # POINT and SPOT: a disk that faces each receiver, else a sphere
     cone_angle_rad: float = 0.0  # SPOT: full opening angle
     blend: float = 0.0  # SPOT: 0 hard ... 1 soft
     angle_rad: float = 0.0  # SUN: full angle of its disk
@@ -148,8 +148,8 @@ class Light:
     spread_rad: float = float(np.pi)  # AREA: pi is Lambertian
     casts_shadow: bool = True
     profile: int = -1  # POINT: index into SceneSnapshot.profiles
-    lights: tuple[int, ...] | None = None  # the objects that it lights, by their numbers; None all
-    blocked_by: tuple[int, ...] | None = None  # the objects that cast its shadows; None all
+    lights: tuple[int, ...] | None = None  # indices of the objects that it lights; None for all
+    blocked_by: tuple[int, ...] | None = None  # indices of the objects that block it; None for all
     seen_by: tuple[bool, bool, bool] = (True, True, True)  # by diffuse, glossy and transmission rays
 
 
@@ -168,18 +168,18 @@ class SceneSnapshot:
     tri_albedo_uv     (n_tri, 3, 2) float32   texture UV of the albedo image, mapping applied
     tri_emission_uv   (n_tri, 3, 2) float32   the same for the emission image
     world_rgb         uniform radiance of the world, W/m^2/sr
-    world_map         (h, w, 3) float32, W/m^2/sr, or None: radiance of a world that differs by direction, in place of world_rgb; laid out
-                      as sphere_map has it. A sun in it is best taken out first (environment_suns)
-    profiles          (h, w) float32 each, mean 1 over the sphere: a lamp's intensity by direction, relative to an even one of its power;
-                      laid out as sphere_map has it in the lamp's own axes
-    tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for the images of the transmittance; zeros where it is left out
-    tri_normal_uv     (n_tri, 3, 2) float32   the same for the images of normals
-    tri_metal_uv      (n_tri, 3, 2) float32   the same, for the images of metals' colours
-    tri_glass_uv      (n_tri, 3, 2) float32   the same, for the images of glass
-    tri_through_uv    (n_tri, 3, 2) float32   the same, for the images of what leaves on the other side
-    tri_lobe_uv       (n_tri, 3, 2) float32   the same, for the images of roughness and shares
-    tri_tangents      (n_tri, 3, 3, 3) float32   at each corner the tangent, bitangent and normal of normal maps in tangent space, in the
-                      world, of one scale; zeros where there is none, and of length 0 where no triangle has one
+    world_map         (h, w, 3) float32, W/m^2/sr, or None: radiance of the world by direction, which replaces world_rgb; laid out as in
+                      sphere_map. Suns should be taken out of it first (environment_suns)
+    profiles          (h, w) float32 each, mean 1 over the sphere: a lamp's intensity by direction relative to the mean; laid out as in
+                      sphere_map, in the lamp's own axes
+    tri_passing_uv    (n_tri, 3, 2) float32   as tri_albedo_uv, for images of transmittance; zeros if it is left out
+    tri_normal_uv     (n_tri, 3, 2) float32   likewise, for images of normals
+    tri_metal_uv      (n_tri, 3, 2) float32   likewise, for images of metals' colours
+    tri_glass_uv      (n_tri, 3, 2) float32   likewise, for images of glass
+    tri_through_uv    (n_tri, 3, 2) float32   likewise, for images of translucency
+    tri_lobe_uv       (n_tri, 3, 2) float32   likewise, for images of roughness and shares
+    tri_tangents      (n_tri, 3, 3, 3) float32   tangent, bitangent and normal at each corner for normal maps in tangent space, in world
+                      space, with a common scale; zeros for triangles without such a map; of length 0 if no triangle has one
     """
 
     vertex_position: NDArray[np.float64]
@@ -227,7 +227,7 @@ class SceneSnapshot:
 
 
 def swap_corners(values: NDArray[Any], tri_turned: NDArray[np.bool_]) -> NDArray[Any]:
-    """A copy of values (n_tri, 3, ...) at corners, in which corners 1 and 2 of some triangles have changed places."""
+    """A copy of values (n_tri, 3, ...) at corners, with corners 1 and 2 of triangles tri_turned (n_tri,) bool exchanged."""
     out = values.copy()
     out[tri_turned] = values[tri_turned][:, [0, 2, 1]]
     return out

@@ -1,4 +1,4 @@
-"""The faces by which light from infinity enters a scene."""
+"""A box around the scene, through whose faces light from infinity enters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an o
 
 @dataclass(frozen=True)
 class SceneCover:
-    """A box around the scene: light from infinity is emitted from its faces, so that no photons miss the box.
+    """A box around the scene. Light from infinity is emitted from its faces, so that no photon misses the box.
 
     low, high   (3,) float32, unit box
     """
@@ -30,7 +30,7 @@ class SceneCover:
 
     @classmethod
     def around(cls, points_unit: FloatArray) -> SceneCover:
-        """points_unit (n, 3), unit box; without any, the whole unit box."""
+        """The box around points_unit (n, 3), unit box; the whole unit box if there are none."""
         if not len(points_unit):
             return cls(np.full(3, -0.5, np.float32), np.full(3, 0.5, np.float32))
         low, high = points_unit.min(axis=0) - _COVER_PADDING, points_unit.max(axis=0) + _COVER_PADDING
@@ -46,13 +46,13 @@ class SceneCover:
         """(n,) float64, unit box squared: the box's area seen along directions (n, 3)."""
         x, y, z = np.abs(direction.T.astype(np.float64))
         a, b, c = self.face_area
-        out: Float64 = x * a + y * b + z * c  # many times faster than a product of matrices
+        out: Float64 = x * a + y * b + z * c  # many times faster than a matrix product
         return out
 
     def choose_faces(self, u: Float32, weight: FloatArray) -> tuple[Float32, Float32]:
-        """Across which axis the faces lie, chosen by weights (n, 3) or (1, 3), and what is left of u (n,) float32, again in [0, 1].
+        """Choose axes by weights (n, 3) or (1, 3); returns `across` and u (n,) float32, rescaled to [0, 1] for further use.
 
-        across   (3, n) float32: 1 for the axis, 0 for the others
+        across   (3, n) float32: 1 for the axis to which the chosen face is perpendicular, 0 for the others
         """
         x, y, z = weight.T.astype(np.float32)
         place = u.astype(np.float32, copy=False) * (x + y + z)
@@ -64,7 +64,7 @@ class SceneCover:
         return across, place.clip(0, 1)
 
     def place(self, across: Float32, at_high: FloatArray, u: FloatArray, v: FloatArray) -> Float32:
-        """(n, 3) float32: points (u, v) of the faces across an axis, on its high side where at_high (n,) is 1, or low where it is 0."""
+        """(n, 3) float32: points (u, v) on the faces perpendicular to an axis; the upper face where at_high (n,) is 1, the lower for 0."""
         at_high, u, v = (number.astype(np.float32, copy=False) for number in (at_high, u, v))
         share = stack_columns(*(across[k] * at_high + across[k - 1] * u + across[k - 2] * v for k in range(3)))
         out: Float32 = self.low + share * (self.high - self.low)

@@ -1,7 +1,7 @@
 """Closed solids whose inside is never seen: light that their faces emit inwards never leaves and reaches no texel.
 
-Told only where it is certain: closed and convex loose parts, with their normals outwards and nothing else in them. What is closed but
-bent inwards may go through itself, and then a back is seen from outside.
+Only certain cases count: loose parts that are closed and convex, have outward normals, and contain nothing else. A closed part that is not
+convex may intersect itself, so that a back is visible from outside.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from .loose_parts import find_loose_parts
 from .scene import SceneSnapshot
 from .topology import join_open_sides
 
-_TOLERANCE = 1e-5  # of a solid's extent: nearer to a face's plane is on it
-_MOST_WORK = 1 << 28  # heights over planes and the like, about a second; solids that come after that count as open
-_BOX_WORK = 16  # of comparing a box, beside a height
+_TOLERANCE = 1e-5  # of a solid's extent; points nearer than this to a face's plane lie on it
+_MOST_WORK = 1 << 28  # heights over planes to compute, about a second; further solids count as open
+_BOX_WORK = 16  # work to compare a box, in heights
 _AT_ONCE = 1 << 18
 
 
 def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_], tri_passes: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-    """(n_tri,) bool: triangles of sealed solids, of which some triangle is wanted, (n_tri,).
+    """(n_tri,) bool: triangles of sealed solids.
 
-    Where texels see both sides, or light passes through any triangle of an object (n_tri,), no solid is sealed.
+    tri_wanted   (n_tri,) bool: only solids with such a triangle are examined
+    tri_passes   (n_tri,) bool: triangles that light may pass through; their objects have no sealed solids, nor have two-sided objects
     """
     sealed = np.zeros(snapshot.n_tri, bool)
     keeps_light = np.array([one.casts_shadow and not one.two_sided for one in snapshot.objects], bool)
@@ -52,7 +53,7 @@ def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_], tri_pass
 
 
 def _is_closed(tri_vertex: IntArray) -> bool:
-    """Whether each side (n, 3 of them) has one triangle on either side, and both are walked alike."""
+    """Whether each edge of the triangles (n, 3) has exactly two triangles, with consistent winding."""
     start, end = tri_vertex.ravel(), np.roll(tri_vertex, -1, axis=1).ravel()
     count = int(tri_vertex.max()) + 1
     sides = np.unique(start * count + end)
@@ -60,10 +61,10 @@ def _is_closed(tri_vertex: IntArray) -> bool:
 
 
 class _Search:
-    """Boxes around the scene's triangles, and around those that belong together, and how much may still be compared.
+    """Boxes around the scene's triangles and around groups of them (loose parts, or other objects), and the remaining work.
 
-    tri    (n,) int     triangles of which the loose part is known
-    part   (n,) int64   see find_loose_parts
+    tri    (n,) int     triangles whose loose part is known
+    part   (n,) int64   from find_loose_parts
     """
 
     def __init__(self, snapshot: SceneSnapshot, tri: IntArray, part: IntArray) -> None:
@@ -84,7 +85,9 @@ class _Search:
         return self._left < 0
 
     def is_convex_and_empty(self, tri: IntArray) -> bool:
-        """Whether no corner of the solid's triangles (n,), ascending, is before any of their planes, and no other triangle behind all."""
+        """Whether no corner of the solid's triangles (n,), ascending, is in front of any of their planes, and no other triangle is behind
+        all of them.
+        """
         corners = self._position[tri]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         gap = _TOLERANCE * float((high - low).max())
@@ -101,8 +104,9 @@ class _Search:
         return all((height.reshape(len(normal), -1, 3).min(axis=2) >= -gap).any(axis=0).all() for height in heights)
 
     def _measure(self, points: Float64, normal: Float64, base: Float64) -> Iterator[Float64]:
-        """Heights (n, k) of some points after others, of (m, 3), over the planes through base (n, 3) across normal (n, 3); one that is
-        no number where it would take too long."""
+        """Heights (n, k) of successive chunks of points (m, 3) over the planes through base (n, 3) with normals (n, 3); nan once the work
+        limit is used up.
+        """
         level = (normal * base).sum(axis=1)[:, None]
         at_once = max(_AT_ONCE // len(normal) // 3, 1) * 3
         for start in range(0, len(points), at_once):
@@ -112,6 +116,6 @@ class _Search:
 
 
 def _overlap(low: Float64, high: Float64, other_low: Float64, other_high: Float64) -> NDArray[np.bool_]:
-    """(n,) bool: whether boxes (n, 3) have more than their surface in common with another (3,)."""
+    """(n,) bool: whether the interiors of boxes (n, 3) intersect that of another (3,)."""
     overlapping: NDArray[np.bool_] = ((low < other_high) & (high > other_low)).all(axis=1)
     return overlapping

@@ -1,7 +1,7 @@
-"""Shadow rays: the share of a light that comes past what stands between, in colour where it stands there transparent.
+"""Shadow rays with coloured transmittance.
 
-Triangles that let nothing pass are in a bvh of their own, which answers most rays at once. Only what it leaves is followed from one
-transparent triangle to the next; a scene without any has no other bvh.
+Opaque triangles are in a bvh of their own, which decides most rays at once. The remaining rays are followed from one transparent triangle
+to the next; a scene without these has no second bvh.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import DIFFUSE, SHADOW
 
-MOST_LAYERS = 1024  # transparent triangles along one ray: rounding may hold a ray between two that lie in each other
+MOST_LAYERS = 1024  # transparent triangles along one ray; rounding may keep a ray between two that coincide
 
 Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Sight:
-    """How much of what rays aim at is seen.
+    """Transmittance along rays.
 
-    share   (n,) bool, or float32 in [0, 1] where the scene is transparent: mean of the channels
-    rgb     (n, 3) float32 in [0, 1], a view of rows; None where the scene is not transparent
-    rays    that were traced
+    share   (n,) bool, or float32 in [0, 1] in a scene with transparent surfaces: mean of the channels
+    rgb     (n, 3) float32 in [0, 1], a view of rows; None in a scene without transparent surfaces
+    rays    number of rays that were traced
     """
 
     share: NDArray[np.bool_] | Float32
@@ -35,16 +35,16 @@ class Sight:
     rays: int
 
     def times(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 3): what is left of light (n, 3)."""
+        """(n, 3): transmitted part of light (n, 3)."""
         return values * (self.share[:, None] if self.rgb is None else self.rgb)
 
     def dim(self, factor: Float32) -> Sight:
-        """What is left of it by factors (n,) in [0, 1]."""
+        """The transmittance times factors (n,) in [0, 1]."""
         rgb = np.repeat(self.share[None].astype(np.float32), 3, axis=0).T if self.rgb is None else self.rgb
         return Sight(self.share * factor, (rgb.T * factor).T, self.rays)
 
     def place(self, index: NDArray[np.intp], count: int) -> Sight:
-        """The same of `count` rays, of which these are the ones numbered `index` and the others see nothing."""
+        """The transmittance of `count` rays, where these are the ones at `index` and all others are blocked."""
         share: NDArray[np.bool_] | Float32 = np.zeros(count, bool if self.rgb is None else np.float32)
         share[index] = self.share
         if self.rgb is None:
@@ -55,13 +55,13 @@ class Sight:
 
 
 class ShadowRays:
-    """Answers shadow rays.
+    """Traces shadow rays.
 
-    between_surfaces   the same for diffuse rays between surfaces, which may pass where shadow rays do not; often itself
+    between_surfaces   the same for diffuse rays between surfaces, whose transmittance may differ; often the same object
 
-    opaque      what lets no light pass
-    passing     what lets some pass, None where there is no such triangle
-    tri_frame   (3, 3, n_tri) float32, of triangle_frames, unit box
+    opaque      triangles that let no light pass
+    passing     triangles that let some light pass, None if there are none
+    tri_frame   (3, 3, n_tri) float32, from triangle_frames, unit box
     tri_normal  (3, n_tri) float32, unit
     """
 
@@ -80,7 +80,7 @@ class ShadowRays:
 
     @classmethod
     def of(cls, rays: RayScene, surfaces: SurfaceMaterials, corners: Float32, tri_normal: Float32) -> ShadowRays:
-        """Those among triangles (n_tri, 3, 3), unit box, with normals (3, n_tri); `rays` meet all of them."""
+        """For triangles corners (n_tri, 3, 3), unit box, with normals (3, n_tri); `rays` contains all of them."""
         frame = triangle_frames(corners)
 
         def make(kind: int) -> ShadowRays:
@@ -109,7 +109,7 @@ class ShadowRays:
         return Sight(rgb.sum(axis=0) / np.float32(3), rgb.T, len(clear) + traced)
 
     def _follow(self, passing: RayScene, origin: Float32, direction: Float32, distance: Float32) -> tuple[Float32, int]:
-        """(3, n): what passes of rays (3, n); and how many more were traced."""
+        """(3, n): transmittance of rays (3, n) through the transparent triangles; and the number of rays traced for it."""
         left, rgb, traced = np.arange(len(distance)), np.ones((3, len(distance)), np.float32), 0
         for _ in range(MOST_LAYERS):
             found = passing.closest(origin.T, direction.T, distance)
@@ -129,12 +129,12 @@ class ShadowRays:
 
 
 def leave_through(position: Float32, direction: Float32, normal: Float32) -> Float32:
-    """(3, n): origins of rays that go on through triangles, off their far sides; position, direction, normal (3, n) float32."""
+    """(3, n): origins of rays that go on through triangles, just beyond their far sides; position, direction, normal (3, n) float32."""
     side = np.copysign(np.float32(1), np.einsum("kn,kn->n", direction, normal))
     out: Float32 = offset_origin(position, side * normal)
     return out
 
 
 def collapse(corners: Float32, kept: NDArray[np.bool_]) -> Float32:
-    """Triangles (n, 3, 3) with those that are not kept (n,) without area, so that rays never meet them and the others keep their number."""
+    """Triangles (n, 3, 3), of which those not kept (n,) lose their area: rays never meet these, and the others keep their numbers."""
     return np.where(kept[:, None, None], corners, corners[:, :1])

@@ -1,7 +1,7 @@
-"""Sheen: light that microfibres above a surface scatter, by a linearly transformed cosine.
+"""Sheen: light that microfibres above a surface scatter, as a linearly transformed cosine lobe.
 
-Seen at a cosine with the normal, the lobe is a cosine lobe around the normal, (x, y, z), whose directions are made
-((x - b z) / a, y / a, z), with x toward the viewer, and its albedo is r. The three were fitted to Cycles' renders of white sheen.
+The lobe is a cosine lobe around the normal whose directions (x, y, z), with x toward the viewer, are mapped to
+((x - b z) / a, y / a, z). a, b and its albedo r depend on the view cosine; they were fitted to Cycles' renders of white sheen.
 
 Source: Zeltner, Burley & Chiang 2022, "Practical multiple-scattering sheen using linearly transformed cosines"; Heitz et al. 2016,
 "Real-time polygonal-light shading with linearly transformed cosines".
@@ -55,13 +55,13 @@ _FIT = np.array(
         ],
     ]
 )
-_SMOOTH_POWER = 2.5  # of the roughness below the least one, for r
+_SMOOTH_POWER = 2.5  # power of the roughness that scales r below the least tabulated roughness
 _STEPS = 512
 
 
 @lru_cache(maxsize=256)
 def tabulate_sheen(roughness: float, entries: int) -> tuple[Float64, Float64, Float64]:
-    """(entries,) each: a, b and r by the cosine, evenly by its root."""
+    """(entries,) each: a, b and r at even steps of the square root of the cosine."""
     cosine = np.linspace(0, 1, entries) ** 2
     place = (min(max(roughness, _ROUGHNESS[0]), 1.0) - _ROUGHNESS[0]) / (_ROUGHNESS[1] - _ROUGHNESS[0])
     low = min(int(place), len(_ROUGHNESS) - 2)
@@ -79,7 +79,7 @@ def average_sheen(roughness: float) -> float:
 
 
 def sample_sheen(view: FloatArray, a: FloatArray, b: FloatArray, numbers: FloatArray) -> FloatArray:
-    """(3, n): directions that sheen reflects to, seen from view (3, n), both around +Z, with density evaluate_sheen.
+    """(3, n): sampled directions for view (3, n), both around +Z, with density evaluate_sheen times the cosine.
 
     a, b      (n,) float, at the cosine of view
     numbers   (2, n) float, uniform in [0, 1)
@@ -94,7 +94,7 @@ def sample_sheen(view: FloatArray, a: FloatArray, b: FloatArray, numbers: FloatA
 
 
 def evaluate_sheen(view: FloatArray, out: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """(n,): density of directions out (3, n), seen from view (3, n), over the cosine of out; both above the surface.
+    """(n,): density of directions out (3, n) for view (3, n), divided by the cosine of out; both are above the surface.
 
     Source: Heitz et al. 2016, eq. 3 and 4.
     """
@@ -106,7 +106,7 @@ def evaluate_sheen(view: FloatArray, out: FloatArray, a: FloatArray, b: FloatArr
 
 
 def _find_azimuth(view: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) each: the horizontal part of view (3, n), unit."""
+    """(n,) each: x and y of the horizontal part of view (3, n), normalised."""
     length = np.sqrt(view[0] ** 2 + view[1] ** 2)
     upright = length < 1e-7
     length = np.where(upright, 1, length)

@@ -1,7 +1,7 @@
 """Choice of the side of a surface that its lightmap shows.
 
-A lightmap has one texel for both sides of a face. With Automatic it shows the front, as Cycles does, unless the front looks into a solid
-where no light comes and the back is lit: such a surface has its normals the wrong way round, and is turned before the bake begins.
+A lightmap has one texel for both sides of a face. With Automatic it shows the front, as Cycles does, unless the front faces the dark inside
+of a solid and the back is lit: such a surface has flipped normals, and is turned before the bake begins.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from .light_probe import LightProbe, Seen
 from .scene import TEXTURE_UVS, SceneSnapshot, swap_corners
 from .topology import join_open_sides, join_sets, pair_sides
 
-_MOST_PARTS = 1 << 16  # the largest; smaller ones show their fronts
+_MOST_PARTS = 1 << 16  # only the largest parts are examined; smaller ones show their fronts
 _MOST_POINTS = 1 << 19  # on all parts
 _LEAST_EACH, _MOST_EACH = 6, 64  # points on a part
 _FIRST_EACH, _SURE_EACH = 16, 512  # points on a part that may have to be turned, at first and for the decision
-_CLOSE = 0.15  # of a part's extent: surfaces nearer than this are close by
-_INSIDE = 0.85  # share of rays that meet a close surface, the part itself or a back, from which on the side faces into a solid
-_ENCLOSED = 0.98  # share of rays that meet anything
+_CLOSE = 0.15  # distance of close surfaces, relative to a part's extent
+_INSIDE = 0.85  # a side faces into a solid if this share of its rays meets a close surface, the part itself or a back
+_ENCLOSED = 0.98  # a side is enclosed if this share of its rays meets anything
 _BOUNCES = 3
-_DARK_BESIDE, _DARK_WITHIN = 0.15, 1e-3  # light on a front close to a surface, or in a hollow, relative to the back's
-_LEVEL = 0.7  # height of a unit normal
-_NOTHING = 0.01  # of rays that meet something
-_PERHAPS_DARK = 0.3  # light on a front relative to the back's, estimated from few points
-_SEEN = 0.5  # share of rays from a sheet's back that meet fronts: the back may be visible
+_DARK_BESIDE, _DARK_WITHIN = 0.15, 1e-3  # a front is dark below this light relative to the back's: close to a surface, or elsewhere
+_LEVEL = 0.7  # a floor's unit normals have a mean height above this
+_NOTHING = 0.01  # a side sees nothing if at most this share of its rays meets anything
+_PERHAPS_DARK = 0.3  # as the above, for the first estimate from few points
+_SEEN = 0.5  # a sheet's back may be visible if this share of its rays meets fronts
 
 TURNED = (
     "looks into a solid with its front, where no light comes, so the light on its back is kept; flip its normals, or set Sides to Front"
@@ -40,9 +40,9 @@ OPEN = "can be seen from both sides, but its lightmap has the light of the front
 
 @dataclass(frozen=True)
 class SettledSides:
-    """A snapshot whose fronts are the sides to show, with two_sided where both are.
+    """A snapshot whose fronts are the sides to show, with two_sided for objects that show both.
 
-    tri_turned   (n_tri,) bool: triangles whose corners 1 and 2 have changed places
+    tri_turned   (n_tri,) bool: triangles whose corners 1 and 2 were exchanged
     warnings     (subject, sentence)
     """
 
@@ -52,7 +52,7 @@ class SettledSides:
 
 
 def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
-    """Follows the objects' own choices, and `sides` for those that have none."""
+    """Choose the sides by the objects' own settings, and by `sides` for objects without one."""
     chosen = [one.sides or sides for one in snapshot.objects]
     objects = tuple(replace(one, two_sided=one.two_sided or side == BOTH) for one, side in zip(snapshot.objects, chosen, strict=True))
     if objects != snapshot.objects:
@@ -75,7 +75,7 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
 
 
 def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapshot:
-    """The snapshot with the fronts of some triangles (n_tri,) where their backs were."""
+    """The snapshot with triangles tri_turned (n_tri,) bool turned over."""
     changed: dict[str, Any] = {}
     of_maps = ("tri_tangents",) if len(snapshot.tri_tangents) else ()
     for name in ("tri_vertex", "tri_corner", "tri_normal", "tri_uv", *TEXTURE_UVS, *of_maps):
@@ -86,15 +86,14 @@ def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapsho
 
 @dataclass(frozen=True)
 class _Parts:
-    """Surfaces of one object that are connected by sides and whose triangles have consistent winding.
+    """Parts are connected surfaces of one object with consistent winding.
 
     tri            (n,) int, ascending   the triangles
-    tri_part       (n,) int              the part of each
+    tri_part       (n,) int              part of each
     part_object    (n_part,) int
-    part_first     (n_part,) int         its first triangle in the snapshot
-    extent_m       (n_part,) float64     diagonal of its box
-    area_m2        (n_part,) float64
-    closed         (n_part,) bool        it has no border
+    part_first     (n_part,) int         first triangle in the snapshot
+    extent_m       (n_part,) float64     diagonal of the bounding box
+    closed         (n_part,) bool        whether it has no border
     """
 
     tri: IntArray
@@ -129,7 +128,7 @@ class _Parts:
 
 
 class _Samples:
-    """Stratified points, uniform by area, equally many on each of some of the parts."""
+    """Stratified points, uniform by area, `each` on every one of the chosen parts."""
 
     def __init__(self, probe: LightProbe, parts: _Parts, chosen: IntArray, each: int) -> None:
         self._n, self._each, self._probe, self._parts, self._chosen = len(chosen), each, probe, parts, chosen
@@ -153,7 +152,9 @@ class _Samples:
         return out
 
     def look(self, sign: int) -> tuple[NDArray[np.float64], ...]:
-        """Shares of rays that meet a close surface; a close one, the part itself or a back; the front of another part; anything."""
+        """Shares of rays, (n_chosen,) each, that meet: a close surface; a close surface, the part itself or a back; the front of another
+        part; anything.
+        """
         seen: Seen = self._probe.look(self.point, np.float32(sign) * self.front)
         own = np.zeros(len(seen.tri), bool)
         met = seen.tri >= 0
@@ -170,7 +171,7 @@ class _Samples:
 
 
 def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(n_part,) bool each: parts to be turned, and thin sheets that are visible from both sides."""
+    """(n_part,) bool each: parts to turn, and thin sheets that are visible from both sides."""
     is_turned, is_open = np.zeros((2, len(parts)), bool)
     area = np.bincount(parts.tri_part, probe.area[parts.tri], minlength=len(parts))
     chosen = np.argsort(-area, kind="stable")[:_MOST_PARTS]
@@ -196,7 +197,7 @@ def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], 
 def _keep_dark(
     probe: LightProbe, parts: _Parts, chosen: IntArray, rows: IntArray, dark: NDArray[np.float64], each: int
 ) -> NDArray[np.int64]:
-    """The rows of chosen parts whose front is dark relative to the back, estimated from so many points on each."""
+    """Those of `rows` of chosen parts whose front is dark relative to the back, estimated from `each` points on every part."""
     at_once = max(_MOST_POINTS // each, 1)
     kept = [np.zeros(0, np.int64)]
     for some in np.split(rows, range(at_once, len(rows), at_once)):
@@ -208,7 +209,7 @@ def _keep_dark(
 
 
 def _agree(snapshot: SceneSnapshot, parts: _Parts, is_turned: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Objects that share a mesh share the layout of their charts: a part is turned in all of them or in none."""
+    """is_turned, changed so that a part is turned in all objects that share its mesh, or in none, since these share their charts."""
     mesh = np.array([one.mesh for one in snapshot.objects])[parts.part_object]
     shared = np.flatnonzero(mesh >= 0)
     if not len(shared):

@@ -1,4 +1,4 @@
-"""Cuts slender triangles across into compact parts, as the centroid of a long one is a poor proxy for its light."""
+"""Cuts slender triangles across into compact parts, since the centroid of a long triangle is a poor proxy for its light."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 from ..util.ablation import uses
 from ..util.arrays import Float32, Float64
 
-_LONG = 8.0  # ratio of the longest edge to the height above it, from which on a triangle is cut
+_LONG = 8.0  # triangles are cut if the ratio of the longest edge to the height above it exceeds this
 # Greatest ratio of a part's length to that height: with 8, light by strips 5 mm from a wall takes twice the time; with 2, no less.
 _PART = 4.0
-# Least mean area of parts, as a share of all area: it bounds their number to about its inverse, however slender the triangles are.
+# Least mean area of parts as a share of the total area, which bounds their number to about its inverse, however slender the triangles are.
 _LEAST = 2.0**-17
-_NO_FOOT = 1e-6  # least share of the longest edge on either side of the height's foot, below which there is no part of its own
+_NO_FOOT = 1e-6  # least share of the longest edge on either side of the height's foot; a smaller side gets no parts
 _WHOLE = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 
 
 def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Float32, Float64]:
-    """Parts (n,) of triangles: the triangle of each, ascending; (n, 3, 2) weights of corners 1 and 2 at its corners; and its area.
+    """Parts of triangles: (n,) the triangle of each, ascending; (n, 3, 2) weights of corners 1 and 2 at its corners; and (n,) its area.
 
     corner   (m, 3, 3) float64, any unit; area (m,) float64, that unit squared, > 0
-    A slender triangle is cut along its height, and both right-angled halves across, from there to their tips.
+    A slender triangle is cut along its height, and both right-angled halves are cut into strips from there to their tips.
     """
     along = np.roll(corner, -1, axis=1) - corner
     square = (along * along).sum(axis=2)
@@ -56,7 +56,7 @@ def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Floa
 
 
 def whole_parts(count: int) -> Float32:
-    """(n, 3, 2): `part` of triangles that are not cut."""
+    """(n, 3, 2): weights of parts that are whole triangles."""
     return np.tile(_WHOLE, (count, 1, 1))
 
 

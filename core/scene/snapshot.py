@@ -1,4 +1,4 @@
-"""SceneSnapshot on disk: one .npz of plain arrays with a JSON header among them, no pickle."""
+"""Files of a SceneSnapshot: one .npz of plain arrays, one of which is a JSON header; no pickle."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _ARRAYS = (
 
 
 def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
-    """Writes a snapshot to `path`, as it is named.
+    """Write a snapshot to `path`, without changing its suffix.
 
-    Raises OSError where the file cannot be written.
+    Raises OSError if the file cannot be written.
     """
     arrays = list_arrays(snapshot)
     arrays[_HEADER] = np.frombuffer(json.dumps(describe_snapshot(snapshot)).encode(), dtype=np.uint8)
@@ -45,7 +45,7 @@ def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
 
 
 def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
-    """All of a snapshot but its arrays, as JSON knows it."""
+    """Everything in a snapshot but its arrays, as JSON values."""
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -61,7 +61,7 @@ def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
 
 
 def list_arrays(snapshot: SceneSnapshot) -> dict[str, NDArray[Any]]:
-    """The arrays of a snapshot, its images among them."""
+    """The arrays of a snapshot, including images."""
     arrays = {name: getattr(snapshot, name) for name in _ARRAYS}
     if snapshot.world_map is not None:
         arrays[_WORLD_MAP] = snapshot.world_map
@@ -70,9 +70,9 @@ def list_arrays(snapshot: SceneSnapshot) -> dict[str, NDArray[Any]]:
 
 
 def load_snapshot(path: str | Path) -> SceneSnapshot:
-    """The snapshot stored in `path`.
+    """Read the snapshot in `path`.
 
-    Raises OSError where there is no such file, ValueError with a sentence where it holds no snapshot of this version.
+    Raises OSError if there is no such file, ValueError with a sentence if it has no snapshot of this version.
     """
     try:
         with np.load(path, allow_pickle=False) as stored:
@@ -87,7 +87,7 @@ def load_snapshot(path: str | Path) -> SceneSnapshot:
 
 
 def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> list[NDArray[np.float32]]:
-    """All images' pixels, parts of one array: so they can be looked up together (textures.lay_together)."""
+    """The pixels of all images, as parts of one array, so that they can be looked up together (textures.lay_together)."""
     if not described:
         return []
     lengths = [math.prod(entry["shape"]) for entry in described]
@@ -147,7 +147,7 @@ def _build_snapshot(
 
 
 def _frozen(value: Any) -> Any:
-    """JSON's lists as the tuples they were."""
+    """The value with JSON's lists turned back into tuples."""
     if isinstance(value, list):
         return tuple(_frozen(item) for item in value)
     if isinstance(value, dict):

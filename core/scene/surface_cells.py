@@ -1,4 +1,4 @@
-"""Cells on the sides of triangles that have no lightmap: objects that are not baked, and the backs of those that are."""
+"""Cells on sides of triangles without a lightmap: on objects that are not baked, and on the backs of those that are."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..util.arrays import Float32, FloatArray, IntArray
 # 5 %: an error of 8.8 % with 2^15 cells, which extend over lit and unlit areas, 6.9 % with 2^18, and 7.7 % with 2^20, of few photons.
 # One seed and one run each, while near hits were still followed by a second bounce.
 _CELLS = 2**18
-_MOST_PER_SIDE = 512  # of a triangle
+_MOST_PER_SIDE = 512  # rows of cells along a triangle's edge
 _TINY = 1e-30  # m^2
 
 
@@ -35,7 +35,7 @@ class SurfaceCells:
     def of(cls, area_m2: FloatArray, has_lightmap: NDArray[np.bool_]) -> SurfaceCells:
         """Cells of triangles (n,).
 
-        has_lightmap   (n,) bool: texels keep the light on the front, which has but one cell then
+        has_lightmap   (n,) bool: whether texels hold the light on the front, which then has a single cell
         """
         sides = np.stack([~has_lightmap, np.ones(len(area_m2), bool)])
         cell_m2 = max(float((sides * area_m2).sum()) / _CELLS, _TINY)
@@ -53,7 +53,7 @@ class SurfaceCells:
     def find(self, tri: IntArray, is_front: NDArray[np.bool_], u: Float32, v: Float32) -> NDArray[np.int64]:
         """(m,) int64: cells at points of triangles (m,), by weights of their corners 1 and 2.
 
-        Row r from corner 0 along v has 2 (k - r) - 1 cells, upright and upside down in turn.
+        With k rows, row r from corner 0 along v has 2 (k - r) - 1 cells, alternately upright and upside down.
         """
         side = np.where(is_front, 0, 1)
         edge = self.per_edge[side, tri].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Colours of images at places in UV: of many images in one go, as numpy is slow on short arrays."""
+"""Texture look-up in many images at once, since numpy is slow on short arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BLACK = np.zeros((1, 1, 3), np.float32)
 
 
 class Textures:
-    """Images to be looked up; those that go on alike beyond their edges, and are interpolated alike, are looked up together.
+    """Images in groups with the same extension and interpolation; each group is looked up at once.
 
     Texel (x, y) has its centre at ((x + 0.5) / width, (y + 0.5) / height), as in Blender. An image without texels is black.
     """
@@ -34,7 +34,7 @@ class Textures:
     def at(self, image: IntArray, uv: FloatArray) -> NDArray[np.float32]:
         """Colours of images (n,) int.
 
-        uv    (n, 2) float; not finite counts as 0
+        uv    (n, 2) float; values that are not finite count as 0
         out   (n, 3) float32; its transpose is contiguous
         """
         member = gather(self._member, image)
@@ -50,19 +50,19 @@ class Textures:
 
 
 def sample_texture(image: TextureImage, uv: FloatArray) -> NDArray[np.float32]:
-    """Colours of one image; uv and out as of Textures.at."""
+    """Colours of one image; uv and result are as for Textures.at."""
     return Textures([image]).at(np.zeros(len(uv), np.intp), uv)
 
 
 @dataclass(frozen=True)
 class _Joined:
-    """Images that go on alike beyond their edges.
+    """A group of images with the same extension and interpolation.
 
-    pixels        (k,) float32: of one image after the other, row by row, the channels of a texel side by side
+    pixels        (k,) float32: all images, flattened and concatenated
     size          (2, n_image) float32: width and height
-    column, row   (2, c) and (2, r) int: of _neighbours of one image after the other; a column and a row added tell where their texel
-                  begins in `pixels`, and one < 0 shows none
-    start         (2, n_image) int: where those of an image begin in `column` and `row`
+    column, row   (2, c) and (2, r) int: _neighbours of all images, concatenated, as offsets: column plus row is the index of a texel's
+                  first channel in `pixels`; negative for no texel
+    start         (2, n_image) int: index of each image's first entry in `column` and in `row`
     """
 
     extension: str
@@ -95,7 +95,7 @@ class _Joined:
         )
 
     def at(self, member: IntArray, uv: FloatArray) -> NDArray[np.float32]:
-        """As Textures.at; member (n,) int: which of them."""
+        """As Textures.at; member (n,) int: indices within the group."""
         place = uv.T if are_finite(uv) else np.where(np.isfinite(uv), uv, 0).T
         is_alone = self.size.shape[1] == 1
         size = self.size if is_alone else gather(self.size, member)
@@ -111,7 +111,7 @@ class _Joined:
         x, y = low.astype(np.intp) if is_alone else low.astype(np.intp) + gather(self.start, member)
         column, row = gather(self.column, x), gather(self.row, y)
         place -= low
-        share = np.empty((2, *place.shape), np.float32)  # of both neighbours, by axis
+        share = np.empty((2, *place.shape), np.float32)  # weights of both neighbours, by axis
         np.subtract(1, place, out=share[0], casting="same_kind")
         share[1] = place
         if self.closest:
@@ -121,16 +121,16 @@ class _Joined:
         return self._weigh(row[:, None] + column, share[:, 1, None] * share[:, 0])
 
     def _weigh(self, first: IntArray, weight: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n, 3) view of rows: sums of texels, which begin there (i, j, n), times their weights (i, j, n)."""
+        """(n, 3) view of rows: weighted sums of the texels at indices first (i, j, n) in `pixels`."""
         rgb = np.empty((3, *first.shape), np.float32)
-        for channel, values in enumerate(rgb):  # four times as quick as whole texels, of 12 bytes each
+        for channel, values in enumerate(rgb):  # four times as fast as whole texels of 12 bytes each
             self.pixels[channel:].take(first, out=values, mode="wrap")
         out: NDArray[np.float32] = np.einsum("cijn,ijn->cn", rgb, weight)
         return out.T
 
 
 def lay_together(pictures: Sequence[NDArray[np.float32]]) -> tuple[NDArray[np.float32], list[int]]:
-    """All numbers of some arrays in one, (k,), and where each begins: those that are parts of one array (k,) are not copied."""
+    """The arrays concatenated to one, (k,), and the start of each. Arrays that are parts of one array are not copied."""
     whole = pictures[0].base
     if len(pictures) == 1:
         return pictures[0].reshape(-1), [0]
@@ -142,7 +142,7 @@ def lay_together(pictures: Sequence[NDArray[np.float32]]) -> tuple[NDArray[np.fl
 
 @lru_cache(maxsize=64)
 def _neighbours(size: int, extension: str) -> IntArray:
-    """(2, k) int: of a place along an image, k - 1 to k texels from its start, the texels before and after; -1 where none is shown."""
+    """(2, k) int: column e has the texels at e - 1 and e, between whose centres a coordinate may lie, after extension; -1 for none."""
     texel = np.arange(-1, (2 if extension == "MIRROR" else 1) * size + 2)
     if extension == "REPEAT":
         texel %= size
@@ -156,11 +156,11 @@ def _neighbours(size: int, extension: str) -> IntArray:
 
 
 def clamp_colours(values: FloatArray, highest: float) -> FloatArray:
-    """What surfaces show of colours: within 0 ... highest, and 0 where they are not finite."""
+    """Colours clamped to 0 ... highest; 0 where they are not finite."""
     clamped: FloatArray = np.maximum(values if are_finite(values) else np.where(np.isfinite(values), values, 0), 0)
     return np.minimum(clamped, np.float32(highest), out=clamped)
 
 
 def are_finite(values: FloatArray) -> bool:
-    """Whether all are; the method `all` takes as long again."""
+    """Whether all values are finite; twice as fast as with the method `all`."""
     return bool(np.logical_and.reduce(np.isfinite(values), axis=None))

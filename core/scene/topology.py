@@ -15,7 +15,7 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # odd, near 2^64 over the golden ratio. So
 
 
 def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, Int64]:
-    """Pairs of indices, in the flattened array, of the same corner in two used triangles; enough to connect all triangles of a corner.
+    """Pairs of indices, in the flattened array, of one corner in two used triangles; enough pairs to connect all triangles of a corner.
 
     tri_corner   (n, 3) int
     used         (n,) bool
@@ -29,12 +29,12 @@ def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, 
 
 
 def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64, Int64]:
-    """Pairs of sides shared by two triangles of one group; of more than two at an edge, those consecutive in order.
+    """Pairs of sides that two triangles of one group share; if an edge has more than two sides, successive ones are paired.
 
     tri_vertex   (n, 3) int
     tri_group    (n,) int         -1 for triangles without a group
-    out          (2, 3 n) int64 ends of every side, as places in the flattened corners, that of the lower vertex first; (m,) int64 side of
-                 one triangle and (m,) int64 of the other; side k is from corner k on
+    out          (2, 3 n) int64 ends of every side, as indices of flattened corners, that of the lower vertex first; (m,) int64 side of one
+                 triangle and (m,) int64 of the other; side k starts at corner k
     """
     start = np.arange(tri_vertex.size)
     ends = np.stack([start, start - start % 3 + (start + 1) % 3])
@@ -50,9 +50,9 @@ def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64,
 
 
 def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
-    """(2, m) int64: numbers of the places where sides (2, m) of vertices end, the lower one first.
+    """(2, m) int64: numbers of the positions where sides, given by vertices ends (2, m), end; the lower one first.
 
-    Files often hold a vertex once for each of its normals or texture coordinates; there edges are identified by position.
+    Files often have a vertex once for each of its normals or texture coordinates, so edges are identified by position.
     """
     vertex, row = np.unique(ends, return_inverse=True)
     position = vertex_position[vertex]
@@ -65,7 +65,7 @@ def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
 def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
     """(n, 3) int64: tri_vertex, with vertices merged where open sides coincide, so that the surface is connected there.
 
-    Files often hold a vertex once for each of its normals or texture coordinates. Touching bodies that are closed by their own vertices
+    Files often have a vertex once for each of its normals or texture coordinates. Touching bodies that are closed by their own vertices
     stay separate.
 
     vertex_position   (n_vertex, 3) float64, m
@@ -116,8 +116,8 @@ def _number_places(vertex_position: NDArray[np.float64], tri_vertex: IntArray, t
     group[tri_vertex] = tri_group[:, None]
     used = np.flatnonzero(group >= 0)
     mixed = group[used].astype(np.uint64)
-    for column in vertex_position[used].T:  # one number for each place is sorted several times faster than three
-        mixed = (mixed ^ (column + 0.0).view(np.uint64)) * _MIX  # zeros of both signs are one place
+    for column in vertex_position[used].T:  # one number for each position is sorted several times faster than three
+        mixed = (mixed ^ (column + 0.0).view(np.uint64)) * _MIX  # -0.0 becomes 0.0
         mixed ^= mixed >> np.uint64(32)
     order = used[np.argsort(mixed)]
     here, group_here = vertex_position[order], group[order]
@@ -129,7 +129,7 @@ def _number_places(vertex_position: NDArray[np.float64], tri_vertex: IntArray, t
 
 
 def join_sets(count: int, one: Int64, other: Int64) -> Int64:
-    """(count,) int64: the least member of the set that each belongs to, when one[i] and other[i] are joined for all i.
+    """(count,) int64: the least member of each number's set, after one[i] and other[i] are joined for all i.
 
     Source: Shiloach & Vishkin 1982, "An O(log n) parallel connectivity algorithm".
     """
