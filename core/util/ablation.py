@@ -1,7 +1,7 @@
 """Mechanisms that can be switched off by name, so that a benchmark can measure what each is worth.
 
-A development setting, no option for users: the environment variable LEAFLIGHT_WITHOUT=name,name switches mechanisms off in a bake. All of
-its processes inherit it. MECHANISMS lists the names; `make bench-ablation` bakes without each of them.
+This is a development setting, not an option for users: the environment variable LEAFLIGHT_WITHOUT=name,name switches mechanisms off in a
+bake, and all of its processes inherit it. MECHANISMS lists the names; `make bench-ablation` bakes without each of them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .settings import Settings
 
 VARIABLE = "LEAFLIGHT_WITHOUT"
 
-# What is done with it; without it, the simplest thing that still gives light.
+# What each mechanism does. Without it, a bake does the simplest thing that still gives light.
 MECHANISMS = {
     # light on leaves
     "coefficient_shrinkage": "slopes of leaves are shrunk by how noisy they are",
@@ -63,14 +63,14 @@ MECHANISMS = {
     "bias_forecast": "the stated error forecasts what leaves cannot hold from how that fell so far",
     "noise_correction": "the photons' variance is corrected by how the halves of the bake differ",
 }
-# Those that are a setting already, and its value without them.
+# Mechanisms that a setting switches, and the setting.
 _OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "final_gathering": "gather", "emission_guide": "guided"}
 
 
 def list_without() -> tuple[str, ...]:
     """Names of the mechanisms that are switched off, in the order of MECHANISMS.
 
-    Raises ValueError with a sentence where one is unknown.
+    Raises ValueError with a sentence if one is unknown.
     """
     return _read_names(os.environ.get(VARIABLE, ""))
 
@@ -92,9 +92,9 @@ def uses(mechanism: str) -> bool:
 
 
 def trim_settings(settings: Settings) -> Settings:
-    """The settings without the mechanisms that a setting switches.
+    """The settings with those of switched-off mechanisms set to False.
 
-    Raises ValueError with a sentence where a name is unknown, or a cluster is to trace: its workers do not inherit the variable.
+    Raises ValueError with a sentence if a name is unknown, or if a cluster is used, whose workers do not inherit the variable.
     """
     if settings.cluster and list_without():
         raise ValueError(f"{VARIABLE}: workers of a cluster do not inherit it; bake without --cluster.")
@@ -103,6 +103,6 @@ def trim_settings(settings: Settings) -> Settings:
 
 
 def describe_without() -> str:
-    """The warning that such a bake gives; "" where nothing is switched off."""
+    """The warning of a bake without some mechanisms; "" if none is switched off."""
     names = list_without()
     return f"{VARIABLE}: baked without {', '.join(names)}; this is for measuring only, so unset it for a real bake" if names else ""

@@ -1,4 +1,4 @@
-"""Exact clipping of triangles against a grid of texels, and polynomial moments of what is left."""
+"""Exact clipping of triangles against a grid of texels, and polynomial moments of the clipped parts."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Float64: TypeAlias = NDArray[np.float64]
 Int64: TypeAlias = NDArray[np.int64]
 Int32: TypeAlias = NDArray[np.int32]
 
-CHUNK_SIZE = 1 << 16  # items worked on at a time: their temporaries stay in the cache
+CHUNK_SIZE = 1 << 16  # items processed at a time, so that temporary arrays stay in the cache
 
-# Exact on a triangle up to the degree: corner weights (n_point, 3) of the points, their share of the area (n_point,).
+# Quadrature on a triangle, exact up to a degree: corner weights (n_point, 3) of the points, and their shares of the area (n_point,).
 # Source: Dunavant 1985, "High degree efficient symmetrical Gaussian quadrature rules for the triangle", rules 1, 2, 4;
 # for rule 4 the closed form of its tabulated numbers is used.
 _SQRT_10 = 10.0**0.5
@@ -48,10 +48,10 @@ def monomial_exponents(degree: int) -> tuple[tuple[int, int], ...]:
 
 
 def expand_ranges(start: IntArray, end: IntArray) -> tuple[Int64, Int64]:
-    """Every integer of the ranges, one range after the other.
+    """All integers of the ranges, concatenated.
 
     start, end   (k,) int; ranges with end <= start are empty
-    out          (n,) int64 range it comes from, (n,) int64 the integer
+    out          (n,) int64 index of the range, (n,) int64 the integer
     """
     length = np.maximum(end.astype(np.int64) - start, 0)
     owner = np.repeat(np.arange(len(length)), length)
@@ -63,7 +63,7 @@ def chunk_ranges(start: IntArray, end: IntArray, size: int = CHUNK_SIZE) -> Iter
     """The ranges cut and grouped so that each group holds at most `size` integers.
 
     start, end   (k,) int
-    yields       (r,) int64 range, ascending and no two alike, (r,) and (r,) int64 start and end of a part that is not empty
+    yields       (r,) int64 distinct indices of ranges, ascending, (r,) and (r,) int64 start and end of a part that is not empty
     """
     length = np.maximum(end.astype(np.int64) - start, 0)
     after = np.cumsum(length)
@@ -78,9 +78,9 @@ def chunk_ranges(start: IntArray, end: IntArray, size: int = CHUNK_SIZE) -> Iter
 
 @dataclass(frozen=True)
 class Pieces:
-    """Triangles that together are the part of a triangle inside a texel; all of one pair are consecutive.
+    """Triangles that together form the part of a triangle inside a texel; all of one pair are consecutive.
 
-    pair  (n,) int64     which (triangle, texel)
+    pair  (n,) int64     index of the pair (triangle, texel)
     x, y  (3, n) float64 corners, texels from the texel's centre
     area  (n,) float64   texels^2, positive
     """
@@ -92,11 +92,11 @@ class Pieces:
 
 
 def clip_to_texels(uv: Float64, texel_xy: IntArray, side: Float64 | None = None) -> Pieces:
-    """Triangle n clipped to texel n, or to a smaller square around its centre, as triangles.
+    """Clip triangle i to texel i, or to a smaller square around its centre; the results are triangles.
 
     uv        (n, 3, 2) float64, texels, either orientation
     texel_xy  (n, 2) int
-    side      (n,) float64, texels: of the squares; 1 if None
+    side      (n,) float64, texels: sides of the squares; 1 if None
     Source: Sutherland & Hodgman 1974, "Reentrant polygon clipping".
     """
     local = uv - (texel_xy[:, None, :] + 0.5)
@@ -126,7 +126,7 @@ def clip_to_texels(uv: Float64, texel_xy: IntArray, side: Float64 | None = None)
 
 
 def _clip_half_plane(along: Float64, across: Float64, polygon: Int64, sign: float) -> tuple[Float64, Float64, Int64]:
-    """Polygons cut down to sign * along <= 1/2; corners of one polygon are consecutive and in order."""
+    """Polygons clipped to sign * along <= 1/2; corners of one polygon are consecutive and in order."""
     depth = 0.5 - sign * along
     inside = depth >= 0.0
     if inside.all():
@@ -154,7 +154,7 @@ def _first_of_polygon(polygon: Int64) -> Int64:
 
 
 def piece_moments(pieces: Pieces, degree: int) -> Float64:
-    """Integrals of the monomials over each piece, about the texel's centre, exact.
+    """Exact integrals of the monomials about the texel's centre over each piece.
 
     out   (M, n) float64, texels^2 * texels^(degree of the monomial), in the order of `monomial_exponents`
     """
@@ -171,7 +171,7 @@ def piece_moments(pieces: Pieces, degree: int) -> Float64:
 
 
 def powers(value: FloatArray, degree: int) -> list[FloatArray]:
-    """value^0 ... value^degree, each by one multiplication (numpy's own power is slow)."""
+    """value^0 ... value^degree, by one multiplication each, since numpy's power is slow."""
     result = [np.ones_like(value)]
     for _ in range(degree):
         result.append(result[-1] * value)
@@ -179,7 +179,7 @@ def powers(value: FloatArray, degree: int) -> list[FloatArray]:
 
 
 def as_slice(rows: IntArray | range) -> IntArray | slice:
-    """Ascending rows, as a slice where they follow each other, which is read and written several times faster."""
+    """Ascending rows, as a slice if they are consecutive: indexing with a slice is several times faster."""
     if isinstance(rows, range):
         return slice(rows.start, rows.stop)
     return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) and rows[-1] - rows[0] == len(rows) - 1 else rows

@@ -11,7 +11,7 @@ _DIGEST_BYTES = 20
 
 
 def hash_pieces(pieces: Iterable[bytes | memoryview]) -> str:
-    """Digest of pieces in their order, each with its length."""
+    """Digest of the pieces and their lengths, in order."""
     digest = hashlib.blake2b(digest_size=_DIGEST_BYTES)
     for piece in pieces:
         digest.update(memoryview(piece).nbytes.to_bytes(8, "little"))
@@ -22,7 +22,7 @@ def hash_pieces(pieces: Iterable[bytes | memoryview]) -> str:
 def hash_file(path: Path) -> str:
     """Digest of a file's bytes.
 
-    Raises OSError where it cannot be read.
+    Raises OSError if it cannot be read.
     """
     with open(path, "rb") as file:
         return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=_DIGEST_BYTES)).hexdigest()
@@ -30,7 +30,7 @@ def hash_file(path: Path) -> str:
 
 @lru_cache(maxsize=1)
 def hash_code() -> str:
-    """Digest of the core's own source files: another version may bake other bytes."""
+    """Digest of the core's own source files, since another version may bake to other bytes."""
     folder = Path(__file__).parent.parent
     sources = sorted(folder.rglob("*.py"))
     return hash_pieces(piece for path in sources for piece in (path.relative_to(folder).as_posix().encode(), path.read_bytes()))

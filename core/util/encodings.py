@@ -1,8 +1,8 @@
-"""Colours that are brighter than 1 in four bytes, for engines whose textures have no floats: RGBM, RGBD and LogLuv.
+"""Encodings of colours brighter than 1 in four bytes, for engines without float textures: RGBM, RGBD and LogLuv.
 
-All hold linear light. RGBM and RGBD need the range they were made with; their bytes may be filtered by a GPU, at the price
-of small errors where the multiplier changes from texel to texel. LogLuv needs no range, but has a number split over two bytes, and must be
-decoded before it is filtered. Formulas as shader code, and error bounds: docs/output.md.
+All encode linear light. Decoding RGBM and RGBD needs the range they were made with; a GPU may filter their bytes, with small errors where
+the multiplier changes from texel to texel. LogLuv needs no range, but splits a number over two bytes, so it must be decoded before it is
+filtered. Shader code and error bounds: docs/output.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .arrays import FloatArray
 
 ENCODINGS = ("rgbm", "rgbd", "logluv")
-LOGLUV_MAX = 2.0 ** (32767.5 / 256.0 - 64.0)  # the greatest luminance that LogLuv holds
+LOGLUV_MAX = 2.0 ** (32767.5 / 256.0 - 64.0)  # the greatest luminance that LogLuv can encode
 
 _STEPS = 255.0
 _LEAST_RANGE = 1e-9  # of a black page: any range decodes it
@@ -33,7 +33,7 @@ _RGB_OF_XYZ = np.linalg.inv(_XYZ_OF_RGB)
 
 
 def find_range(rgb: FloatArray) -> float:
-    """The greatest value of a picture, as RGBM and RGBD want their range: never 0, and short enough to write down.
+    """The range of RGBM and RGBD for an image: its greatest value, rounded up to four digits, and never 0.
 
     rgb   (..., 3) float, linear
     """
@@ -43,7 +43,7 @@ def find_range(rgb: FloatArray) -> float:
 
 
 def encode(rgb: FloatArray, encoding: str, value_range: float) -> NDArray[np.uint8]:
-    """Four bytes a colour. What is negative becomes 0, what is beyond the range is clipped to it.
+    """Encode colours in four bytes each. Negative values become 0; values beyond the range are clipped to it.
 
     rgb           (..., 3) float, linear
     value_range   greatest value of RGBM and RGBD; LogLuv ignores it
@@ -93,7 +93,7 @@ def _check(encoding: str, value_range: float) -> None:
 
 
 def _encode_logluv(rgb: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Bytes: high and low byte of the log luminance, u', v'. Its top bit, the sign of the luminance, is 0."""
+    """Bytes: high and low byte of the log luminance, u', v'. The top bit, the sign of the luminance, is 0."""
     xyz = np.minimum(rgb, LOGLUV_MAX) @ _XYZ_OF_RGB.T
     luminance = xyz[..., 1]
     weight = np.maximum(xyz @ [1.0, 15.0, 3.0], _TINY)
@@ -109,4 +109,4 @@ def _decode_logluv(stored: NDArray[np.uint8]) -> NDArray[np.float32]:
     u, v = ((stored[..., channel] + 0.5) / _UV_SCALE for channel in (2, 3))
     x, z = 9.0 * u / (4.0 * v), (12.0 - 3.0 * u - 20.0 * v) / (4.0 * v)
     rgb = np.stack([x, np.ones_like(x), z], -1) * luminance[..., None] @ _RGB_OF_XYZ.T
-    return np.asarray(np.maximum(rgb, 0.0), np.float32)  # a rounded chromaticity may lie a little outside of Rec.709
+    return np.asarray(np.maximum(rgb, 0.0), np.float32)  # rounded chromaticities may lie slightly outside of Rec.709

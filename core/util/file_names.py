@@ -1,4 +1,4 @@
-"""Names of image files: from a pattern that the user may choose, valid on every system."""
+"""Names of image files, from a pattern that the user may choose; they are valid on every system."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import unicodedata
 from collections.abc import Iterable
 
 DEFAULT_PATTERN = "{name}.{pass}"
-MAX_NAME_BYTES = 180  # of an object in a file's name: systems allow 255 in all, and Blender as many for the object
-MAX_PATTERN_BYTES = 30  # besides the fields, for the same reason
+MAX_NAME_BYTES = 180  # of an object's name within a file name: systems allow 255 in all, and Blender as many for the object
+MAX_PATTERN_BYTES = 30  # of the pattern without its fields, for the same reason
 
 _FIELDS = ("name", "pass", "page")
 _FIELD = re.compile(r"\{([^{}]*)\}")
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
-_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9])(\.|$)", re.IGNORECASE)  # Windows' own, whatever ends them
+_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9])(\.|$)", re.IGNORECASE)  # device names of Windows, with any suffix
 
 
 def find_pattern_error(pattern: str) -> str:
     """The error of a pattern, "" if it is valid.
 
-    Fields: {name}, the object or, of shared pages, atlas_page; {pass}; {page}, a number.
+    Fields: {name}, the object, or atlas_page for shared pages; {pass}; {page}, a number.
     """
     fields, text = _FIELD.findall(pattern), _FIELD.sub("", pattern)
     unknown = [field for field in fields if field not in _FIELDS]
@@ -40,15 +40,15 @@ def has_pass(pattern: str) -> bool:
 
 
 def fill_pattern(pattern: str, name: str, pass_name: str, page: int) -> str:
-    """The file's name without its ending; `name` is of make_unique."""
+    """The file's name without suffix; `name` is from make_unique."""
     values = {"name": name, "pass": pass_name, "page": str(page)}
     return _FIELD.sub(lambda match: values[match[1]], pattern)
 
 
 def make_unique(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """The names with underscores after those that are there already, or taken.
+    """The names, with underscores appended to those that occurred before or are taken.
 
-    Letters count alike in both cases, and whether an accent is part of them or stands by itself, as on some disks.
+    Comparison ignores case and Unicode composition, as some file systems do.
     """
     used = {_fold(name) for name in taken}
     out: list[str] = []
@@ -66,7 +66,7 @@ def _fold(name: str) -> str:
 
 
 def clean_name(name: str) -> str:
-    """A name that every system takes for a file: shortened, and an underscore for what cannot be in it."""
+    """A name that is valid for a file on every system: shortened, with underscores for forbidden characters."""
     short = name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
     clean = _FORBIDDEN.sub("_", short).strip(". ") or "_"
     return f"_{clean}" if _DEVICE.match(clean) else clean

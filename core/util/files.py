@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all; and files that may be anybody's, read with limits."""
+"""Atomic writing of files, and reading of untrusted files with limits."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _MOST_JSON_BYTES = 1 << 20
 
 
 def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write an .npz that takes the place of another only when it is whole.
+    """Write an .npz that replaces another file only when it is complete.
 
-    Raises OSError where that cannot be written.
+    Raises OSError if it cannot be written.
     """
     _write_whole(file, lambda out: write_arrays(out, arrays))
 
@@ -26,8 +26,8 @@ def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 def write_arrays(out: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write an .npz into an open file.
 
-    np.savez leaves its archive open where the disk is full; Python then prints that it could not close it.
-    Raises OSError where that cannot be written.
+    np.savez is not used: if the disk is full it leaves its archive open, and Python then prints that it could not close it.
+    Raises OSError if the file cannot be written.
     """
     with zipfile.ZipFile(out, "w") as members:
         for name, array in arrays.items():
@@ -36,7 +36,7 @@ def write_arrays(out: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def write_text_whole(file: Path, text: str) -> None:
-    """The same for a text in UTF-8."""
+    """As save_whole, for a text in UTF-8."""
     _write_whole(file, lambda out: out.write(text.encode()))
 
 
@@ -65,7 +65,7 @@ def parse_json(text: str | bytes) -> Any:
 def read_json(file: Path) -> Any:
     """The value of a small JSON file.
 
-    Raises OSError where it cannot be read, ValueError where it is damaged or larger than anything that we write.
+    Raises OSError if it cannot be read, ValueError if it is damaged or larger than any that we write.
     """
     with open(file, "rb") as stored:
         content = stored.read(_MOST_JSON_BYTES + 1)
@@ -75,9 +75,9 @@ def read_json(file: Path) -> Any:
 
 
 def load_arrays(file: Path) -> dict[str, NDArray[Any]]:
-    """The arrays that save_whole wrote, none of which takes more memory than the file takes on disk.
+    """The arrays that save_whole wrote. None of them may take more memory than the file takes on disk.
 
-    Raises OSError where it cannot be read, ValueError where it is damaged, compressed, or holds what only a pickle can hold.
+    Raises OSError if it cannot be read, ValueError if it is damaged or compressed, or if it contains pickled objects.
     """
     try:
         with zipfile.ZipFile(file) as members:

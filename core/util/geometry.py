@@ -1,4 +1,4 @@
-"""Triangles, barycentric coordinates, frames, and the unit box that all rays live in."""
+"""Triangles, barycentric coordinates, frames, and the unit box, in which rays are traced."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from .arrays import FloatArray, IntArray
 
-# Unit-box length: 40 micrometres in a room of 20 m. Points interpolated from corners lie within 8e-8 of their triangle's plane, and
-# 2.5e-7 was enough for 1e6 rays in a box and in a sphere down to 1e-5 above the surface; the rest is reserve (test_rays.py).
+# Length in the unit box: 40 micrometres in a room of 20 m. Points interpolated from corners lie within 8e-8 of their triangle's plane, and
+# 2.5e-7 was enough for 1e6 rays in a box and in a sphere down to 1e-5 above the surface; the rest is a safety margin (test_rays.py).
 ORIGIN_OFFSET = 2e-6
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-_SMALLEST_EXTENT_M = 1e-30  # below it 1 / extent leaves float32
+_SMALLEST_EXTENT_M = 1e-30  # below this, 1 / extent exceeds float32
 _COLLINEAR = 8 * float(np.finfo(np.float64).eps)  # sine of the angle below which an area is rounding error in float64
 
 
 @dataclass(frozen=True)
 class UnitBox:
-    """Maps world space to a box of side 1 around the origin, where float32 rays are equally exact for every scene.
+    """Maps world space to a box of side 1 around the origin, where float32 rays are equally precise for every scene.
 
     centre_m   (3,) float64, m
     scale      unit-box lengths per metre
@@ -35,7 +35,7 @@ class UnitBox:
     def from_points(cls, points_m: FloatArray) -> UnitBox:
         """The smallest cube around the points.
 
-        points_m   (n, 3) float, m, finite; without extent (none, or all the same) the scale is 1
+        points_m   (n, 3) float, m, finite; if they have no extent, the scale is 1
         """
         points = np.asarray(points_m, np.float64).reshape(-1, 3)
         if not len(points):
@@ -45,7 +45,7 @@ class UnitBox:
         return cls(0.5 * low + 0.5 * high, 1.0 / extent if extent > _SMALLEST_EXTENT_M else 1.0)
 
     def to_unit(self, points_m: FloatArray) -> NDArray[np.float32]:
-        """(..., 3) float32, unit box: the points, centred and scaled in float64 before they are rounded."""
+        """(..., 3) float32, unit box: the points, centred and scaled in float64 before rounding."""
         return ((np.asarray(points_m, np.float64) - self.centre_m) * self.scale).astype(np.float32)
 
     def to_unit_length(self, length_m: float) -> float:
@@ -54,12 +54,13 @@ class UnitBox:
 
 
 def triangle_normals_areas(corners: FloatArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Geometric unit normals and areas, exact also for needles; zero normal and zero area where the corners are collinear.
+    """Geometric unit normals and areas, precise even for needles; normal and area are zero if the corners are collinear.
 
     corners   (n, 3, 3) float, any unit of length
     normal    (n, 3) float64, unit, right-handed about the corners' order
     area      (n,) float64, that unit squared
-    Source: the cross product of the two shorter edges loses least; Kahan 2014, "Miscalculating area and angles of a triangle".
+    Source: the cross product of the two shorter edges has the least cancellation; Kahan 2014, "Miscalculating area and angles of a
+    triangle".
     """
     corner = np.asarray(corners, np.float64)
     edge = np.roll(corner, -1, axis=1) - corner  # edge k runs from corner k to k + 1
@@ -88,7 +89,7 @@ def interpolate_corners(values: FloatArray, u: FloatArray, v: FloatArray) -> Flo
 
 
 def orthonormal_basis(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tangent and bitangent that make a right-handed frame with unit normals, without a branch.
+    """Tangent and bitangent that form right-handed frames with unit normals, without branches.
 
     normal               (n, 3) float, unit
     tangent, bitangent   (n, 3) float, unit
@@ -103,7 +104,7 @@ def orthonormal_basis(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:
-    """Ray origins moved off their surface to the side the normals point to, so that a ray does not meet where it starts.
+    """Ray origins moved off their surface to the side of the normals, so that rays do not hit the surface where they start.
 
     position, normal   (n, 3) or (3, n) float, unit box; normals are unit, geometric, on the side of the new ray
     Source: the idea of Waechter & Binder 2019 (Ray Tracing Gems, ch. 6); in the unit box their scale is a constant.
@@ -113,11 +114,11 @@ def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:
 
 
 def locate_hits(tri_frame: FloatArray, tri: IntArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(k, n) float: places on triangles.
+    """(k, n) float: points on triangles.
 
-    By the barycentrics they lie on the surface however grazing the ray; origin + distance * direction may be beyond a wall.
+    Computed from barycentric coordinates they lie on the surface for any ray; origin + distance * direction might lie beyond a wall.
 
-    tri_frame   (3, k, n_tri) float   of `triangle_frames`
+    tri_frame   (3, k, n_tri) float   from `triangle_frames`
     tri         (n,) int
     u, v        (n,) float            weights of corners 1 and 2
     """
@@ -131,20 +132,20 @@ def locate_hits(tri_frame: FloatArray, tri: IntArray, u: FloatArray, v: FloatArr
 
 
 def triangle_frames(corners: FloatArray) -> FloatArray:
-    """(3, k, n) float: corner 0 and the edges to corners 1 and 2, then the axis, of triangles (n, 3, k)."""
+    """(3, k, n) float: corner 0 and the edges from it to corners 1 and 2, of triangles (n, 3, k)."""
     frame = np.stack([corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]])
     return np.ascontiguousarray(frame.transpose(0, 2, 1))
 
 
 def stack_columns(*columns: FloatArray) -> FloatArray:
-    """(n, k) view of (k, n) rows: numpy works on long rows many times faster than on short ones."""
+    """(n, k) view of (k, n) rows: numpy is many times faster on long rows than on short ones."""
     return np.stack(columns).T
 
 
 def combine_vectors(weight: FloatArray, vectors: FloatArray) -> FloatArray:
-    """weight (n, k) @ vectors (k, 3), as a view of (3, n) rows; a BLAS would start threads for so little, beside the other workers.
+    """weight (n, k) @ vectors (k, 3), as a view of (3, n) rows; BLAS would start threads, which compete with the other workers.
 
-    vectors   (k, 3) float, or those of each row of weights (k, 3, n)
+    vectors   (k, 3) float, or (k, 3, n) with vectors for each row of weights
     """
     columns = vectors.reshape(*vectors.shape[:2], -1)
     out: FloatArray = weight[:, 0] * columns[0]
@@ -154,22 +155,22 @@ def combine_vectors(weight: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 def select(flag: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArray:
-    """np.where for finite numbers. That jumps wherever the flag changes: measured, it takes eight times as long where chance decides."""
+    """np.where for finite numbers, without branches: measured, np.where takes eight times as long on random flags."""
     out: FloatArray = flag * yes + ~flag * no
     return out
 
 
 def dot_rows(a: NDArray[_Scalar], b: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """(n,): of rows (n, 3) and (n or 1, 3)."""
+    """(n,): dot products of rows (n, 3) and (n or 1, 3)."""
     out: NDArray[_Scalar] = np.multiply(a, b).sum(axis=1)
     return out
 
 
 def gather(values: NDArray[_Scalar], index: IntArray) -> NDArray[_Scalar]:
-    """values[..., index]. Indices are trusted: numpy takes up to twice as long where it checks each."""
+    """values[..., index] without bounds checks, with which numpy takes up to twice as long."""
     return values.take(index, axis=-1, mode="wrap")
 
 
 def take_rows(values: NDArray[_Scalar], index: IntArray) -> NDArray[_Scalar]:
-    """values[index] of (n, k) views of (k, n) rows, as such a view; the same."""
+    """values[index] for (n, k) views of (k, n) rows; the result is such a view. Without bounds checks, as gather."""
     return gather(values.T, index).T

@@ -1,6 +1,6 @@
-"""The folder in which a bake is handed over: what lies in it, and the job itself.
+"""The folder of a bake: its files, and the job.
 
-SNAPSHOT_FILE and JOB_FILE are there when the bake starts, LAYOUT_FILE before the first light is, RESULT_FILE when it is done.
+SNAPSHOT_FILE and JOB_FILE exist when the bake starts, LAYOUT_FILE before there is any light, RESULT_FILE when it is done.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ SNAPSHOT_FILE = "snapshot.npz"
 JOB_FILE = "job.json"
 LAYOUT_FILE = "layout.npz"  # tri_uv (n_tri, 3, 2) in [0, 1], tri_chart (n_tri,), object_page, _block and _place as in charts.ChartAtlas
 RESULT_FILE = "result.json"
-VIEWS_FOLDER = "views"  # linear images that Blender puts through the scene's view transform, see pages.PageFile
+VIEWS_FOLDER = "views"  # linear images to which Blender applies the scene's view transform, see pages.PageFile
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to bake besides the scene itself.
+    """The parameters of a bake besides the scene.
 
     output       folder of the images
     atlas_name   file name of shared pages, without page number
-    preview      whether pages of the light so far are written meanwhile, see preview
-    resume       folder of the state of an earlier bake to go on from, "" none; see checkpoint
-    keep         folder to keep the state in at the end, "" none
-    keep_mb      size beyond which it is not kept, 0 for any
-    blend        path of the .blend that is baked, "" where it has none; see earlier_bakes
-    taken        names of images in `output` that objects show which are not baked now: no page is called like one of them
-    began        time.monotonic() of when the bake was asked for, 0 now; see deadline
-    after_s      seconds that showing and saving it will take
+    preview      whether preview pages are written during the bake, see bake.preview
+    resume       folder with the state of an earlier bake to continue, "" for none; see checkpoint
+    keep         folder in which the state is kept at the end, "" for none
+    keep_mb      greatest size of a state that is kept, 0 for any
+    blend        path of the .blend that is baked, "" if it has none; see earlier_bakes
+    taken        names of images in `output` that objects show which are not baked now: no page gets one of these names
+    began        time.monotonic() of the request for the bake, 0 for now; see deadline
+    after_s      seconds that Blender will take to show and save the images
     """
 
     settings: Settings
@@ -53,9 +53,9 @@ class Job:
 
     @classmethod
     def load(cls, folder: Path) -> Job:
-        """The job in `folder`.
+        """Read the job in `folder`.
 
-        Raises OSError where there is none, ValueError with a sentence where it is damaged.
+        Raises OSError if there is none, ValueError with a sentence if it is damaged.
         """
         path = folder / JOB_FILE
         text = path.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Messages of the core to the calling process: one JSON object per line; every kind is defined here."""
+"""Messages of the core to the calling process: one JSON object per line. All kinds are defined here."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 class Status:
     """The begin or the progress of a stage; `stage` is one of the names in the report's seconds.
 
-    share   share of the stage that is done, as in the text; 0 at its begin
+    share   finished share of the stage, which the text contains too; 0 at the begin
     """
 
     stage: str
@@ -86,7 +86,7 @@ def encode_message(message: Message) -> str:
 def decode_message(line: str) -> Message:
     """The message of one line.
 
-    Raises ValueError when the line is not a message.
+    Raises ValueError if the line is not a message.
     """
     try:
         fields: dict[str, Any] = json.loads(line)

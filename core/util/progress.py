@@ -10,7 +10,7 @@ from typing import TypeAlias
 from .messages import Message, Status
 
 Watch: TypeAlias = Callable[[Status, float, str], None]  # as ProgressReporter.say
-Say: TypeAlias = Callable[[float], None]  # takes the share of the work that is done; may raise Interrupted
+Say: TypeAlias = Callable[[float], None]  # takes the finished share of the work; may raise Interrupted
 
 SECONDS_BETWEEN_WORDS = 1.0
 
@@ -20,7 +20,7 @@ def unwatched(said: Status, share: float, about: str) -> None:
 
 
 def stretch(watch: Watch, said: Status, start: float = 0.0, end: float = 1.0) -> Say:
-    """A Say for work that advances a stage from the share `start` to the share `end`."""
+    """A Say for work that takes a stage from the share `start` to the share `end`."""
     return lambda share: watch(said, start + share * (end - start), "")
 
 
@@ -30,10 +30,10 @@ class Interrupted(Exception):
 
 @dataclass
 class ProgressReporter:
-    """Sends a stage's progress messages after its first.
+    """Sends the progress messages of a stage, after its first.
 
-    should_stop   checked at every call of `say`, for work that is useless unless finished; not in the first half second, in which short
-                  work may still yield light
+    should_stop   checked at every call of `say`, for work that is useless unless finished; not in the first half second, so that short work
+                  may finish
     """
 
     tell: Callable[[Message], None]
@@ -46,9 +46,9 @@ class ProgressReporter:
         self._began = self._spoke = time.monotonic()
 
     def say(self, said: Status, share: float, about: str = "") -> None:
-        """Report that the share of `said` is done, at most once per interval and only if the message has changed.
+        """Report the finished share of stage `said`, at most once per interval and only if the message has changed.
 
-        about   name of the object or task at work
+        about   name of the current object or task
         Raises Interrupted if should_stop() holds.
         """
         now = time.monotonic()

@@ -1,4 +1,4 @@
-"""Which texels of each row of a page a triangle touches, and which it covers wholly."""
+"""Spans of texels in each row of a page that a triangle touches, and that it covers wholly."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .progress import Say
 
 @dataclass(frozen=True)
 class RowSpans:
-    """The texels of each row that a triangle touches, and those that lie wholly inside it.
+    """Spans of texels, one for each row of each triangle.
 
     tri            (n,) int32
     y              (n,) int32   row
-    touched_start  (n,) int32   touched texels are touched_start <= x < touched_end
+    touched_start  (n,) int32   the triangle touches texels touched_start <= x < touched_end
     touched_end    (n,) int32
-    full_start     (n,) int32   those wholly inside; full_start == full_end == touched_start where there are none
+    full_start     (n,) int32   it covers texels full_start <= x < full_end wholly; both equal touched_start if there are none
     full_end       (n,) int32
     """
 
@@ -35,7 +35,7 @@ def find_row_spans(uv: Float64, say: Say = lambda share: None) -> RowSpans:
     """Spans of texels under triangles.
 
     uv    (n_tri, 3, 2) float64, texels
-    say   receives the share of the triangles that is done
+    say   receives the finished share of the triangles
     """
     first_row = np.floor(uv[:, :, 1].min(axis=1)).astype(np.int64)
     end_row = np.ceil(uv[:, :, 1].max(axis=1)).astype(np.int64)
@@ -79,7 +79,7 @@ def _spans_of_rows(uv: Float64, tri: Int64, row: Int64) -> Int32:
 
 
 def _side_at(one: Float64, other: Float64, line: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """x where the side meets the line y = `line`, and whether it does; a level side leaves that to its neighbours."""
+    """x where the side meets the line y = `line`, and whether it does; a horizontal side does not count, since its neighbours do."""
     rise = other[:, 1] - one[:, 1]
     met = (np.minimum(one[:, 1], other[:, 1]) <= line) & (np.maximum(one[:, 1], other[:, 1]) >= line) & (rise != 0.0)
     x = one[:, 0] + (line - one[:, 1]) / np.where(met, rise, 1.0) * (other[:, 0] - one[:, 0])

@@ -1,6 +1,6 @@
-"""Random streams, low-discrepancy points, warps from the unit square with their densities, and the alias table.
+"""Random streams, low-discrepancy points, warps from the unit square with their pdfs, and the alias table.
 
-A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype; points (n, k) are views of (k, n) rows. Each density says its measure.
+A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype; points (n, k) are views of (k, n) rows. Each pdf names its measure.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ from .geometry import gather, select, stack_columns
 
 
 def shard_rng(seed: int, round_index: int, shard: int) -> np.random.Generator:
-    """The stream of one shard, independent of every other's: the three numbers are hashed, not added.
+    """The random stream of one shard, independent of all others: the three numbers are hashed, not added.
 
     Source: numpy's SeedSequence (O'Neill 2015, "Developing a seed_seq alternative"); SFC64 is numpy's fastest generator.
     """
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence((seed, round_index, shard))))
 
 
-# Of the dimensions after the first, which is van der Corput's: degree and coefficients of the primitive polynomial, and first direction
+# For each dimension after the first, which is van der Corput's: degree and coefficients of the primitive polynomial, and first direction
 # numbers. Source: Joe & Kuo 2008, "Constructing Sobol sequences with better two-dimensional projections".
 _SOBOL = ((1, 0, (1,)), (2, 1, (1, 3)), (3, 1, (1, 3, 1)))
-_SOBOL_BITS = 17  # of a shard's photons; further ones repeat the points with another shift
-_NET_PARTS = 16  # parts scrambled one after the other, to keep intermediate arrays small
-_SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one a dimension
+_SOBOL_BITS = 17  # log2 of the points; further ones repeat them with another shift
+_NET_PARTS = 16  # parts that are scrambled one after the other, which bounds temporary memory
+_SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one per dimension
 
 
 def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: IntArray) -> NDArray[np.float32]:
-    """Points start ... start + count - 1 of each of some low-discrepancy sequences; over random shifts each is uniform.
+    """Points start ... start + count - 1 of k low-discrepancy sequences; over random shifts, each point is uniform.
 
     A lattice is as uniform, but its noise shows as stripes where it aligns with the texels as seen from a lamp. The noise of a scrambled
     net is spread over more frequencies.
 
-    shift          (k, 4) uint32, uniform: a digital shift of each sequence
+    shift          (k, 4) uint32, uniform: digital shift of each sequence
     start, count   (k,) int
-    out            (sum of count, 4) float32 in [0, 1), a view of rows: sequence by sequence
+    out            (sum of count, 4) float32 in [0, 1), a view of rows, ordered by sequence
     Source: Sobol' 1967; Owen 1995, "Randomly permuted (t,m,s)-nets and (t,s)-sequences".
     """
     first_turn = start >> _SOBOL_BITS
     turns = (start + count - 1 >> _SOBOL_BITS) + 1 - first_turn
-    of = np.repeat(np.arange(len(start)), turns)  # of each run of points of one turn, its sequence
+    of = np.repeat(np.arange(len(start)), turns)  # sequence of each run of points with one shift
     turn = np.arange(len(of)) - np.repeat(np.cumsum(turns) - turns - first_turn, turns)
     first = np.maximum(start[of], turn << _SOBOL_BITS)
     length = np.minimum((start + count)[of], turn + 1 << _SOBOL_BITS) - first
@@ -61,12 +61,12 @@ def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: In
 
 
 def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Points of the unit square, each uniform, those of a group spread over it.
+    """Points of the unit square; each is uniform, and those of a group are stratified.
 
-    count   (g,) int, of each group, at most 2^17
-    group   (n,) int, of each point: 0 as many times as count[0] says, and so on
-    out     (2, n) float32 in [0, 1), group by group
-    Source: as of low_discrepancy_points; each group has a digital shift of its own.
+    count   (g,) int, number of points in each group, at most 2^17
+    group   (n,) int, group of each point: count[0] times 0, and so on
+    out     (2, n) float32 in [0, 1), ordered by group
+    Source: as for low_discrepancy_points; each group has a digital shift of its own.
     """
     start = np.cumsum(count) - count
     bits = gather(_scrambled_net()[:2], np.arange(len(group)) - gather(start, group))
@@ -78,13 +78,13 @@ def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -
 
 
 def load_ahead() -> None:
-    """Builds the tables of points ahead of their first use, which would delay a small bake."""
+    """Build the tables of points before their first use, where they would delay a small bake."""
     _scrambled_net()
 
 
 @functools.cache
 def _scrambled_net() -> NDArray[np.uint32]:
-    """(4, 2^_SOBOL_BITS) uint32: the first points of Sobol's sequence, each dimension scrambled digit by digit."""
+    """(4, 2^_SOBOL_BITS) uint32: the first points of Sobol's sequence, with nested scrambling of each dimension."""
     net = np.zeros((4, 1 << _SOBOL_BITS), np.uint32)
     columns = [[1 << (31 - bit) for bit in range(_SOBOL_BITS)], *(_direction_numbers(*polynomial) for polynomial in _SOBOL)]
     for row, numbers, seed in zip(net, columns, _SCRAMBLES, strict=True):
@@ -108,8 +108,8 @@ def _direction_numbers(degree: int, coefficients: int, first: tuple[int, ...]) -
 
 
 def _hash_carrying_up(bits: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
-    """Each binary digit flipped or not by a hash of those below it, for multiples of even numbers carry to higher digits only: of reversed
-    digits, by a hash of those before it, which is a nested scrambling.
+    """Flip each binary digit by a hash of the lower digits, since multiplication by even numbers carries only to higher digits. On reversed
+    digits this is a nested scrambling.
 
     Source: Owen 1995; Laine & Karras 2011, "Stratified sampling for stochastic transparency"; constants of Burley 2020, "Practical
     hash-based Owen scrambling".
@@ -128,7 +128,7 @@ def _reverse_bits(bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def square_to_uniform_disk(u: FloatArray) -> FloatArray:
-    """Points of the unit disk, density 1/pi per area; neighbours stay neighbours.
+    """Points of the unit disk with density 1/pi per area, by a continuous map.
 
     u     (n, 2) float, uniform in [0, 1)
     out   (n, 2) float
@@ -182,7 +182,7 @@ def uniform_sphere_pdf() -> float:
 
 
 def square_to_uniform_cone(u: FloatArray, half_angle_rad: float) -> FloatArray:
-    """Unit directions within an angle of +Z, uniform per steradian; exact in float32 for angles as small as the sun's.
+    """Unit directions within an angle of +Z, uniform per steradian; precise in float32 for angles as small as the sun's.
 
     u     (n, 2) float, uniform in [0, 1)
     out   (n, 3) float, unit
@@ -228,7 +228,7 @@ class AliasTable:
 
     weights       (n,) float, finite, >= 0, at least one > 0
     probability   (n,) float64, of each index
-    Raises ValueError for weights that cannot be chosen from.
+    Raises ValueError for invalid weights.
     Source: Walker 1974, Vose 1991; built without a loop by the sweep of Hübschle-Schneider & Sanders 2019, section 4.
     """
 
@@ -242,20 +242,20 @@ class AliasTable:
         light, heavy = np.flatnonzero(filled < 1), np.flatnonzero(filled >= 1)
         if not len(heavy):  # all equal, rounded just below 1
             light, heavy = light[:-1], light[-1:]
-        need = np.cumsum(1 - filled[light])  # what light buckets have taken from heavy ones, after each
-        spare = np.cumsum(filled[heavy] - 1)  # what heavy ones had to give, up to each
+        need = np.cumsum(1 - filled[light])  # cumulative mass that light buckets take from heavy ones
+        spare = np.cumsum(filled[heavy] - 1)  # cumulative mass that heavy buckets can give
         self._keep, self._alias = np.ones(len(weight)), np.arange(len(weight))
         self._keep[light] = filled[light]
         giver = np.searchsorted(spare, np.concatenate([[0.0], need[:-1]])[: len(light)], side="right")
         self._alias[light] = heavy[np.minimum(giver, len(heavy) - 1)]
-        # A heavy bucket is done with the first light one that overdraws it; the next heavy one fills what is missing.
+        # A heavy bucket ends with the first light one that overdraws it; the next heavy bucket fills its own lack.
         if len(light):
             last = np.minimum(np.searchsorted(need, spare[:-1]), len(light) - 1)
             self._keep[heavy[:-1]] = np.clip(1 + spare[:-1] - need[last], 0, 1)
             self._alias[heavy[:-1]] = heavy[1:]
 
     def sample(self, u: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Indices, and each number rescaled to be uniform in [0, 1) again, with log2(n) fewer bits.
+        """Indices, and the numbers rescaled to be uniform in [0, 1) again, with log2(n) fewer bits.
 
         u       (m,) float, uniform in [0, 1)
         index   (m,) int64

@@ -1,4 +1,4 @@
-"""The sphere of directions as an equirectangular map of cells, and choice among them.
+"""The sphere of directions as an equirectangular map of cells, and sampling of the cells.
 
 Blender's layout: row 0 looks straight down, the last row up; columns go from -X by +Y, +X and -Y back to -X.
 """
@@ -27,7 +27,7 @@ def find_solid_angles(height: int, width: int) -> Float64:
 
 
 def place_in_cells(shape: tuple[int, ...], cell: IntArray, along: FloatArray, up: FloatArray) -> Float32:
-    """(n, 3) float32: unit directions at places (along, up) in [0, 1] of cells (n,) of a map; uniform places are uniform per steradian."""
+    """(n, 3) float32: unit directions at coordinates (along, up) in [0, 1] of cells (n,); uniform coordinates are uniform per steradian."""
     height, width = shape[:2]
     row, column = np.divmod(cell, width)
     across, z = _place_in_rows(height, row, up)
@@ -38,7 +38,7 @@ def place_in_cells(shape: tuple[int, ...], cell: IntArray, along: FloatArray, up
 
 
 def find_middles(shape: tuple[int, ...]) -> Float32:
-    """(h * w, 3) float32: unit directions to the middles of all cells of a map, much faster than by place_in_cells."""
+    """(h * w, 3) float32: unit directions to the middles of all cells of a map, much faster than place_in_cells."""
     height, width = shape[:2]
     across, z = _place_in_rows(height, np.arange(height), np.full(height, 0.5))
     phi = np.pi * (1 - 2 * (np.arange(width) + 0.5) / width)
@@ -50,9 +50,9 @@ def find_middles(shape: tuple[int, ...]) -> Float32:
 
 
 def _place_in_rows(height: int, row: IntArray, up: FloatArray) -> tuple[Float64, Float64]:
-    """Distances (n,) from the vertical axis and heights (n,) of unit directions, at places `up` (n,) in [0, 1] of rows (n,) of a map."""
+    """Distances (n,) from the vertical axis and heights (n,) of unit directions, at `up` (n,) in [0, 1] within rows (n,) of a map."""
     edge = np.pi / height * np.arange(height + 1)
-    # 1 + z and 1 - z keep their digits at the poles; both are linear in the place.
+    # 1 + z and 1 - z are precise at the poles, and linear in `up`.
     low, high = 2 * np.sin(edge / 2) ** 2, 2 * np.cos(edge / 2) ** 2
     above, below = low[row] + (low[row + 1] - low[row]) * up, high[row] + (high[row + 1] - high[row]) * up
     return np.sqrt(np.maximum(above * below, 0)), above - 1
@@ -69,7 +69,7 @@ def find_cells(shape: tuple[int, ...], direction: FloatArray) -> IntArray:
 
 
 class LineTable:
-    """Choice among the entries of lines by inverse cumulative sums, so that numbers near each other give entries near each other.
+    """Sampling of entries of lines by inversion of the cdf, so that nearby numbers give nearby entries.
 
     weight   (n_line, n_entry) float, >= 0
     """
@@ -80,23 +80,23 @@ class LineTable:
         np.cumsum(weight, axis=1, out=end[:, 1:])
         end /= np.maximum(end[:, -1:], _TINY)
         self._end = end.ravel()
-        # All lines in one ascending row: what lies beyond a line is larger than all of it.
+        # All lines in one ascending array: line i has values from i to i + 1.
         end = end + np.arange(n_line)[:, None]
         self._ascending = end.ravel()
 
     def find(
         self, line: IntArray, u: FloatArray, first: IntArray | int = 0, last: IntArray | None = None
     ) -> tuple[IntArray, Float64, Float64]:
-        """Entries (n,) of lines (n,), what is left of the numbers (n,), and the chances of the entries (n,).
+        """Entries (n,) of lines (n,), the numbers (n,) rescaled to [0, 1], and the probabilities of the entries (n,).
 
         u             (n,) float in [0, 1]
-        first, last   (n,) int: the entries first ... last - 1 alone are chosen among; all if left out
+        first, last   (n,) int: only entries first ... last - 1 are chosen; all if left out
         """
         start = line * (self._count + 1)
         begin, stop = start + first, start + (self._count if last is None else last)
         low, width = self._end[begin], self._end[stop] - self._end[begin]
         target = low + u * width
-        # Halving a short range in place of searchsorted over all lines, which would miss the cache at every step.
+        # Bisection of a short range: searchsorted over all lines would miss the cache at every step.
         found, in_line = begin.copy(), target + line
         for bit in reversed(range(int((stop - begin).max(initial=1)).bit_length())):
             found += (self._ascending.take(found + (1 << bit), mode="clip") <= in_line) << bit
@@ -127,7 +127,7 @@ class CellTable:
         return LineTable(self.weight)
 
     def sample(self, u: FloatArray) -> tuple[Float32, IntArray, Float64]:
-        """Unit directions (n, 3), the cells (n,) int64 that they lie in, row * w + column, and the cells' probabilities (n,).
+        """Unit directions (n, 3), their cells (n,) int64, row * w + column, and the cells' probabilities (n,).
 
         u   (n, 2) float, uniform in [0, 1): up and along
         """

@@ -1,4 +1,4 @@
-"""Work that is done a step at a time: a window is drawn between steps, the command line takes them all at once."""
+"""Work in steps: a window can be redrawn between steps, while the command line runs all of them at once."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from enum import Enum
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-_LOOK_S = 0.005  # between two looks at a thread
+_LOOK_S = 0.005  # between two checks of a thread
 
 
 class Pause(Enum):
     """What may happen before the next step.
 
-    HOLD   the scene must not change
-    WAIT   the same, and there is nothing to do yet: others are at work
-    LONG   the same, and the next step may take seconds: the world is read
-    FREE   anything: the rest needs nothing of Blender
+    HOLD   anything that does not change the scene
+    WAIT   the same; there is nothing to do yet, since other processes or threads work
+    LONG   the same; the next step may take seconds, as reading the world does
+    FREE   anything, since the rest does not use Blender
     """
 
     HOLD = 0
@@ -27,12 +27,12 @@ class Pause(Enum):
     FREE = 3
 
 
-# A step is sent True where there was a pause before it, False where not, None by those who never pause.
+# A step is sent True if there was a pause before it, False if not, and None by callers that never pause.
 Steps = Generator[Pause, bool | None, T]
 
 
 def run_steps(steps: Generator[Any, Any, T], watch: Callable[[Any], None] = lambda _: None) -> T:
-    """The result of work whose steps are all taken at once; `watch` is given each pause."""
+    """Run all steps at once and return their result; `watch` receives each pause."""
     while True:
         try:
             watch(next(steps))
@@ -42,7 +42,7 @@ def run_steps(steps: Generator[Any, Any, T], watch: Callable[[Any], None] = lamb
 
 
 def run_aside(call: Callable[[], T]) -> Steps[T]:
-    """The result of a call that needs nothing of Blender, made by a thread meanwhile."""
+    """The result of a call that does not use Blender, which a thread runs meanwhile."""
     with ThreadPoolExecutor(1) as pool:
         begun = pool.submit(call)
         while not begun.done() and (yield Pause.FREE) is not None:

@@ -1,4 +1,4 @@
-"""Work on texel entries by threads of this process, side by side where numpy and embree let go of the interpreter."""
+"""Work on texel entries by threads of this process, which run in parallel while numpy and embree release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from .progress import Say
 
 T = TypeVar("T")
 
-# Entries at a time. Of fewer numpy's calls are soon done, and threads wait for each other to have the interpreter: with a quarter of the
-# most two of them were no quicker than one. A small page is shared all the same.
+# Entries at a time. With fewer, numpy's calls are short and threads wait for the interpreter lock: with a quarter of _MOST, two threads
+# were no faster than one. A small page is divided nevertheless.
 _LEAST, _MOST = 1 << 16, 1 << 18
 _PARTS = 8
 
 
 def count_usable() -> int:
-    """Processors that this process may use, as where a batch system or a container gives it some of a machine's."""
+    """Number of processors that this process may use; a batch system or a container may allow fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def is_alone() -> bool:
-    """Whether this process has one thread, which is known only on Linux."""
+    """Whether this process has only one thread; False except on Linux, where it is known."""
     try:
         return len(os.listdir("/proc/self/task")) == 1
     except OSError:
@@ -31,9 +31,9 @@ def is_alone() -> bool:
 
 
 def split_entries(count: int, within: slice | None = None) -> list[slice]:
-    """Parts of so many entries, one at least, and the same for any number of threads.
+    """Ranges that divide `count` entries, at least one; they do not depend on the number of threads.
 
-    within   only of these entries, which are then numbered from the first of them
+    within   divides only these entries, which are then numbered from the first of them
     """
     step = min(max(count // _PARTS, _LEAST), _MOST)
     low, high = (within.start, within.stop) if within else (0, count)
@@ -44,10 +44,10 @@ def split_entries(count: int, within: slice | None = None) -> list[slice]:
 def run_on_threads(
     work: Callable[[slice], T], count: int, threads: int, say: Say = lambda share: None, within: slice | None = None
 ) -> list[T]:
-    """Results of `work` for each part of so many entries, in order; its errors are raised.
+    """Results of `work` for each part of `count` entries, in order; its errors are raised.
 
-    say      receives the share of parts that are done; if it raises, no further part is begun
-    within   as split_entries has it
+    say      receives the finished share of the parts; if it raises, no further part is begun
+    within   as for split_entries
     """
     parts, found = split_entries(count, within), list[T]()
     pool = ThreadPoolExecutor(threads)

@@ -1,4 +1,4 @@
-"""Grouping of warnings: sentences and the objects that each concerns."""
+"""Grouping of warnings: each sentence with all objects that it concerns."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import re
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 
-_NAMED = 3  # names in one sentence: a panel is narrow
+_NAMED = 3  # names in one sentence, since a panel is narrow
 _NUMBER = re.compile(r"\d+([.,]\d+)*")
 _VERBS = frozenset(("is", "has", "was", "does", "casts"))  # first words of sentences about one object
 
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence and the names of its subjects; none for the scene."""
+    """A sentence and the names of its subjects; no names if it is about the scene."""
 
     names: tuple[str, ...]
     text: str
@@ -22,7 +22,7 @@ class Sentence:
 def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Sentence]:
     """Warnings (subject, sentence), each sentence once, with the names of all its subjects.
 
-    Sentences that differ by numbers alone are one.
+    Sentences that differ only in numbers are merged.
     """
     subjects: dict[str, tuple[list[str], list[str]]] = {}
     for subject, text in warnings:
@@ -44,14 +44,14 @@ def write_sentence(subjects: Iterable[str], sentence: str) -> Sentence:
 
 
 def split_error(error: str, is_known: Callable[[str], bool]) -> Sentence:
-    """An error with its subject, the longest known name before a colon, as names may contain colons."""
+    """An error with its subject: the longest known name before a colon, since names may contain colons."""
     parts = error.split(": ")
     subjects = [": ".join(parts[:count]) for count in range(len(parts) - 1, 0, -1)]
     return Sentence(tuple(subject for subject in subjects if is_known(subject))[:1], error)
 
 
 def match_name(subject: str, known: Container[str]) -> str:
-    """The known name that is meant, "" where there is none; an instance is named "<object>.<what it shows>"."""
+    """The known name that a subject means, "" if there is none; an instance is named "<object>.<what it shows>"."""
     name = subject
     while name not in known and "." in name:
         name = name.rpartition(".")[0]
@@ -63,7 +63,7 @@ def _strip_subject(text: str, subject: str) -> str:
 
 
 def _say_once(sentences: list[str], names: list[str]) -> str:
-    """One sentence for several that differ by numbers at most."""
+    """One sentence for several that differ at most in numbers."""
     return sentences[0] if len(set(sentences)) == 1 else f"{sentences[0].removesuffix('.')} (numbers of {names[0]})"
 
 
