@@ -1,8 +1,8 @@
 """Direct light from an environment map: product sampling of radiance, cosine and visibility for each block of texels.
 
-The map is divided into patches. For a block of neighbouring texels the probability of a patch goes as its power, the cosine to the block's
-normals, and the root of its measured visibility; within the patch a cell of the map is chosen by its power. A control variate
-reduces the variance where most of the sky is visible: the irradiance of the whole unoccluded map at a normal is known.
+The map is divided into patches. For a block of neighbouring texels the probability of a patch is proportional to its power, the cosine to
+the block's normals, and the square root of its measured visibility; within the patch a cell of the map is chosen by its power. Where most
+of the sky is visible, a control variate reduces the variance: the irradiance of the whole unoccluded map at a normal is known.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
 _AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector
 _ANYWHERE = 0.3  # share of sampling by power and cosine alone, without visibility; bounds the rays' weight
 _BACKSTOP = 0.05  # share of sampling by power alone: some of a block's normals may differ from those of _PROBES
-_MOST_SEEN = 1 / 16  # visible share of the sky's light below which neighbours share one error estimate, see Openings
+_MOST_SEEN = 1 / 16  # visible share of the sky's light below which neighbours share one error estimate, see sky_openings
 _MOSTLY_OPEN = 0.5  # visible share of the sky's light above which the control variate is used
-# Stratification in two dimensions lowers the variance by a further n^0.375, n rays, that successive differences do not measure, as for soft
-# lights in visibility_estimator; beside a wall the stated error is then twice the real one, without it five times.
+# Stratification of n rays in two dimensions lowers the variance by a further factor n^0.375 that successive differences do not measure, as
+# for soft lights in visibility_estimator. With it the stated error beside a wall is twice the real one, without it five times.
 _STRATA_GAIN = 0.375
-_AIMED_LOOKS = 3  # pilot rays per such texel: they shape the pdf and are no part of the estimate
+_AIMED_LOOKS = 3  # pilot rays per texel that sees little of the sky; they shape the pdf and are not part of the estimate
 _PROBES = 4  # texels of a block whose normals represent it
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64  # as in sky_openings
 _INFINITE = np.float32(1e30)
@@ -39,7 +39,7 @@ _INFINITE = np.float32(1e30)
 class EnvironmentLight:
     """The light of an environment at the texels of a chunk.
 
-    few    (m,) int64: texels that see little of it, which share an error estimate (see Openings)
+    few    (m,) int64: texels that see little of it, which share an error estimate (see sky_openings)
     rays   number of pilot rays
     """
 
@@ -133,7 +133,7 @@ class EnvironmentLight:
         return radiance * per_radiance[:, None].astype(np.float64), seen
 
     def _explore(self, rays: ShadowRays, chunk: TexelChunk, rows: Int64, rng: np.random.Generator) -> None:
-        """Traces a pilot ray from each of some texels (m,) to measure visibility; no part of the estimate, so that it stays unbiased."""
+        """Trace a pilot ray from each of texels (m,) to measure visibility. Pilots are not part of the estimate, which stays unbiased."""
         choice = PatchChoice(self._share_out())
         for piece in row_pieces(rows, 1):
             block = piece // BLOCK_TEXELS

@@ -22,17 +22,17 @@ from .direct_lights import Aim
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
 GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
 MIDDLE = np.full((1, 1, 2), 0.5)
-STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each is stratified together with those before it
-# Texels processed at once. With half of them the overhead of numpy's calls is 10 % more on a large page, but limited memory may need that.
+STAGES = ((0, 4), (4, 16), (16, 64))  # rays of a texel to a light; each stage is stratified together with the stages before it
+# Texels processed at once. With half as many, numpy's calls have 10 % more overhead on a large page, but limited memory may require it.
 MOST_TEXELS = 2**15
-_RAYS_AT_ONCE = 2**15  # what fits the cache
-_SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the face's own than this are flat shading
+_RAYS_AT_ONCE = 2**15  # fits the cache
+_SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the geometric normal than this are flat shading
 _SHORTEST_NORMAL = 1e-6
 
 
 def base_points(count: int) -> NDArray[np.uint32]:
-    """(count, 2) uint32: a (0, 2)-sequence; any first 4^k points fall one each in a grid of 2^k by 2^k, and in every other
-    grid of so many cells.
+    """(count, 2) uint32: a (0, 2)-sequence; the first 4^k points lie one in each cell of a grid of 2^k by 2^k, and of every other grid with
+    as many cells.
 
     Source: Sobol' 1967, the first two dimensions.
     """
@@ -49,7 +49,7 @@ def base_points(count: int) -> NDArray[np.uint32]:
 
 def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
     """The points in a random order within each stage."""
-    random = Random(seed)  # its numbers are the same in every version of Python
+    random = Random(seed)  # gives the same numbers in every version of Python
     order = [index for first, last in STAGES for index in sorted(range(first, last), key=lambda _: random.random())]
     out = points[order]
     out.flags.writeable = False
@@ -57,9 +57,9 @@ def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]
 
 
 def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], NDArray[np.int64]]:
-    """The place of each stage's points in an order in which those that follow each other are near: the Morton order of their strata.
+    """Ranks of each stage's points in the Morton order of their strata, in which successive points are near each other.
 
-    Digital shifts move whole strata, and points of the same one stay together.
+    Digital shifts permute whole strata, so this stays true.
     """
     out = {}
     for first, last in STAGES:
@@ -71,7 +71,7 @@ def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], NDArray[n
 
 GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
 _TEXEL_POINTS = base_points(STAGES[-1][1])
-# Another order for the light, so that places in the texel and on the light are not tied; of 2,000 seeds this has the least correlation.
+# Points on the light have another order, so that they are not correlated with points in the texel; of 2,000 seeds this is the best.
 _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
 LIGHT_PLACE = _order_strata(_LIGHT_POINTS)
 
@@ -83,19 +83,19 @@ def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float
     """
     bits = points.T[:, :, None] ^ shift.T[:, None, :]
     bits >>= np.uint32(8)
-    out = bits.view(np.int32).astype(np.float32)  # numbers below 2^31 are the same, and sooner converted
+    out = bits.view(np.int32).astype(np.float32)  # the same numbers below 2^31, converted faster
     out *= np.float32(2.0**-24)
     return np.moveaxis(out, 0, -1)
 
 
 @dataclass(frozen=True)
 class Receivers:
-    """Points at which light is estimated. Arrays are views of (3, n) rows, which numpy adds and multiplies several times faster.
+    """Points at which light is estimated. Arrays are views of (3, n) rows, on which numpy is several times faster.
 
-    position   (n, 3) float32, unit box, already off its surface
+    position   (n, 3) float32, unit box, already offset from the surface
     normal     (n, 3) float32, unit       shading normal
     side       (n, 3) float32, unit       geometric normal; the same array as `normal` if all triangles are flat
-    bumped     (n,) bool                  the shading normal is from a normal map; None if none is
+    bumped     (n,) bool                  whether the shading normal is from a normal map; None if none is
     """
 
     position: Float32
@@ -109,7 +109,7 @@ class Receivers:
         return Receivers(take_rows(self.position, index), normal, side, None if self.bumped is None else self.bumped[index])
 
     def shade_bumps(self, direction: Float32) -> Float32 | None:
-        """(n,) float32 in [0, 1]: share of light from directions (n, 3) that bumps do not hide; None where there are none."""
+        """(n,) float32 in [0, 1]: share of light from directions (n, 3) that bumps do not hide; None without bumps."""
         if self.bumped is None:
             return None
         shade = shade_bumps(self.side, self.normal, direction)
@@ -131,14 +131,14 @@ class Receivers:
 
 @dataclass(frozen=True)
 class ReceivingSurfaces:
-    """Triangles that receive.
+    """Triangles that receive light.
 
     corner_unit      (n_tri, 3, 3) float32, unit box
     normal           (n_tri, 3) float32, unit; 0 for triangles without area
-    tri_frame        (3, 3, n_tri) float32, unit box   of triangle_frames
-    smooth           (n_tri,) bool                     the corners' normals are not the face's own
+    tri_frame        (3, 3, n_tri) float32, unit box   from triangle_frames
+    smooth           (n_tri,) bool                     whether the corners' normals differ from the geometric one
     shading_normal   (n_tri, 3, 3) float32
-    maps             of normals, None where there are none
+    maps             normal maps, None if there are none
     """
 
     corner_unit: Float32
@@ -161,7 +161,7 @@ class ReceivingSurfaces:
         return point
 
     def follow(self, looks: TexelLooks, flip: bool) -> LookFrames:
-        """Places and normals at the elements of looks; on their back when `flip`."""
+        """Positions and normals at the elements of footprints; on their backs if `flip`."""
         tri, weight = looks.tri, looks.weight
         side = self.normal.T.take(tri, axis=1)
         if flip:
@@ -182,7 +182,7 @@ class ReceivingSurfaces:
 
 
 def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
-    """(3, 3, n) float32: triangle_frames (3, 3, n_tri) at elements: value at the origin and increments along the axes; then x, y, z."""
+    """(3, 3, n) float32: value at the origin of elements, and increments along their two axes, in x, y, z; from triangle_frames."""
     corner, *edges = frame.take(tri, axis=2)
     out = np.empty((3, 3, len(tri)), np.float32)
     for row, (u, v) in zip(out, weight, strict=True):
@@ -196,7 +196,7 @@ def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
 class Bumps:
     """Normal maps on the elements of TexelLooks.
 
-    bumped   (n,) bool           has a map
+    bumped   (n,) bool           whether the element has a map
     tri      (n,) int32
     weight   (3, 2, n) float32   of corners 1 and 2, at the origin and along the axes
     """
@@ -207,9 +207,9 @@ class Bumps:
     weight: Float32
 
     def put_normals(self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray) -> None:
-        """Put the maps' normals into normal (3, k, m), at places (k, m) along the axes of elements (1 or k, m); side (3, n).
+        """Write the maps' normals into normal (3, k, m), at coordinates a, b (k, m) of elements (1 or k, m); side (3, n).
 
-        A texel may show many bumps, and light at their mean normal is not the mean of their light.
+        Each point has a normal of its own, since a texel may have many bumps, and the light at their mean normal is not their mean light.
         """
         every = np.broadcast_to(element, a.shape).ravel()
         rows = np.flatnonzero(self.bumped[every])
@@ -222,13 +222,13 @@ class Bumps:
 
 @dataclass(frozen=True)
 class LookFrames:
-    """Receivers on the elements of TexelLooks, linear along their axes; at the origin, and what each axis adds.
+    """Receivers on the elements of TexelLooks, linear in two coordinates: values at the origin, and increments along both axes.
 
-    position   (3, 3, n) float32, unit box    already off the surface; [of origin and axes, of x, y and z, of elements], as in normal
+    position   (3, 3, n) float32, unit box    [origin or axis, x y z, element], already offset from the surface
     side       (3, n) float32, unit           geometric normal
-    normal     (3, 3, n) float32              shading normal, of any length; None where all are flat
-    smooth     (n,) bool                      has a shading normal of its own; None where none has
-    bumps      normals of maps, in place of these; None where there are none
+    normal     (3, 3, n) float32              shading normal, of any length, indexed as position; None if all are flat
+    smooth     (n,) bool                      whether the shading normal differs from the geometric one; None if all are flat
+    bumps      normal maps, which replace these normals; None if there are none
     """
 
     position: Float32
@@ -238,7 +238,7 @@ class LookFrames:
     bumps: Bumps | None = None
 
     def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
-        """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at places (k, m) along the axes of elements (1 or k, m)."""
+        """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at coordinates a, b (k, m) of elements (1 or k, m)."""
         side = self.side.take(element, axis=1)
         position = _interpolate(self.position.take(element, axis=2), a, b)
         if self.normal is None or self.smooth is None or not self.smooth[element].any():
@@ -256,7 +256,7 @@ class LookFrames:
 
 
 def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
-    """(3, k, m): origin + a * one axis + b * the other, of frame (3, 3, 1 or k, m)."""
+    """(3, k, m): origin + a * first axis + b * second axis, for frame (3, 3, 1 or k, m)."""
     out = np.empty((3, *a.shape), np.float32)
     for row, origin, along_a, along_b in zip(out, *frame, strict=True):
         np.multiply(along_a, a, out=row)
@@ -266,12 +266,12 @@ def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
 
 
 class TexelChunk:
-    """Some texels, and the random shift of the points inside each.
+    """Some texels as receivers, with a random shift of the sample points of each.
 
     looks      footprints of n texels
     shift      (n, 2) uint32
-    surfaces   what the looks are on
-    flip       the backs of the texels receive the light
+    surfaces   the surfaces of the footprints
+    flip       whether the backs of the texels receive the light
     """
 
     def __init__(self, looks: TexelLooks, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
@@ -282,19 +282,19 @@ class TexelChunk:
 
     @property
     def tri(self) -> NDArray[np.int32]:
-        """(n,) int32: the triangle that each texel's representative point is on."""
+        """(n,) int32: triangle of each texel's representative point."""
         return self._looks.tri[: len(self)]
 
     def have_bumps(self, rows: IntArray) -> NDArray[np.bool_]:
-        """(m,) bool: which of some of the texels (m,) have a normal map."""
+        """(m,) bool: whether texels rows (m,) have a normal map."""
         return self._frames.bumps.bumped[rows] if self._frames.bumps else np.zeros(len(rows), bool)
 
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
-        """Starts of rays first ... last - 1 of some of the texels, ray by ray: ((last - first) * len(rows), ...)."""
+        """Origins of rays first ... last - 1 of texels `rows`, ordered by ray: ((last - first) * len(rows), ...)."""
         return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows)))
 
     def receivers_at(self, rows: IntArray, points: FloatArray) -> Receivers:
-        """The same at points (k, 1 or len(rows), 2) of the texels' unit squares."""
+        """Receivers at points (k, 1 or len(rows), 2) of the unit squares of texels `rows`, ordered by point."""
         shape = (3, len(points), len(rows))
         a, b = (np.broadcast_to(points[..., axis].astype(np.float32, copy=False), shape[1:]) for axis in (0, 1))
         position, normal, side = self._frames.at(rows[None], a, b)
@@ -320,7 +320,9 @@ def each_chunk(
     rng: np.random.Generator,
     most: int,
 ) -> Iterator[tuple[NDArray[np.int64], TexelChunk]]:
-    """Places (m,) int64 of so many of the texels (n,) at most, ascending, and the chunk of them; of two-sided triangles (n_tri,) twice."""
+    """Chunks of at most `most` of texels (n,): indices (m,) int64 into `texel`, ascending, and the chunk. Texels on two-sided triangles,
+    (n_tri,) bool, come twice, since their backs receive light too.
+    """
     for start in range(0, len(texel), most):
         looks = look_at(texel[start : start + most])
         part = start + np.arange(len(looks))
@@ -331,14 +333,14 @@ def each_chunk(
 
 
 def _replace_columns(values: Float32, shape: tuple[int, int, int], columns: IntArray, others: Float32) -> Float32:
-    """A copy of the values, broadcast to a shape (3, k, m), with others (3, k, p) in some columns (p,)."""
+    """A copy of the values, broadcast to a shape (3, k, m), with others (3, k, p) in columns (p,)."""
     out: Float32 = np.broadcast_to(values, shape).copy()
     out[:, :, columns] = others
     return out
 
 
 def light_points(shift: NDArray[np.uint32], first: int, last: int) -> Float32:
-    """((last - first) * m, 2) float32: where on the light rays first ... last - 1 aim; shift (m, 2) uint32."""
+    """((last - first) * m, 2) float32: points of the unit square at which rays first ... last - 1 aim on the light; shift (m, 2) uint32."""
     return shift_points(_LIGHT_POINTS[first:last], shift).reshape(-1, 2)
 
 
@@ -348,6 +350,6 @@ def random_shift(rng: np.random.Generator, count: int) -> NDArray[np.uint32]:
 
 
 def row_pieces(rows: IntArray, rays_each: int) -> list[IntArray]:
-    """The rows in pieces small enough to take so many rays each at once."""
+    """The rows in pieces, so that with `rays_each` rays per row a piece fits the cache."""
     step = max(1, _RAYS_AT_ONCE // rays_each)
     return [rows[start : start + step] for start in range(0, len(rows), step)]

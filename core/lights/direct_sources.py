@@ -1,4 +1,4 @@
-"""The lights of a scene as sources of direct light: one by one, and joined with all of their kind."""
+"""The lights of a scene as sources of direct light: single ones, and joined by kind."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone
 
 
 def make_lamps(snapshot: SceneSnapshot, unit_box: UnitBox, lights: Iterable[Light] | None = None) -> list[Source]:
-    """Sources of one point, spot or area light each, of those with power among some lights, or all."""
+    """Sources of one point, spot or area light each, for the lights with power among `lights`, or among all."""
     every = snapshot.lights if lights is None else lights
     return [
         _make_lamp(light, power, unit_box, snapshot.profiles)
@@ -29,7 +29,7 @@ def make_lamps(snapshot: SceneSnapshot, unit_box: UnitBox, lights: Iterable[Ligh
 
 
 def make_suns(snapshot: SceneSnapshot, lights: Iterable[Light] | None = None) -> list[Source]:
-    """Sources of one sun each, as make_lamps."""
+    """As make_lamps, for suns."""
     every = snapshot.lights if lights is None else lights
     return [_make_sun(light, power) for light, power in _usable_lights(light for light in every if light.kind == "SUN")]
 
@@ -46,7 +46,7 @@ def make_world(snapshot: SceneSnapshot) -> list[Source]:
 
 
 def join_sources(sources: Sequence[Source]) -> list[tuple[Source, NDArray[np.int64]]]:
-    """Sources with all lights of a kind in one, and which of the given ones each holds."""
+    """Sources with all lights of a kind joined, and the indices of the given sources in each."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for number, source in enumerate(sources):
         flags = tuple(value for name, value in source_values(source).items() if isinstance(value, bool))
@@ -99,7 +99,7 @@ def _make_lamp(light: Light, power: Float64, unit_box: UnitBox, profiles: Sequen
     )
     if light.profile < 0:
         return plain
-    # Relative to its brightest direction, so that the closed form is what can come at the most.
+    # The closed form is that of the brightest direction, so that it bounds the light.
     most = np.array([profile.max() for profile in profiles], np.float64)
     own = {**source_values(plain), "rgb": plain.rgb * most[light.profile]}
     return ProfileSource(**own, x_axis=x_axis, y_axis=y_axis, z_axis=z_axis, profile=np.array([light.profile]), profiles=tuple(profiles))
@@ -112,9 +112,9 @@ def _one(value: float) -> Float32:
 def make_triangle_sources(
     cells: EmittingCells, corner_unit: Float32, normal: Float32, tri_sealed: NDArray[np.bool_] | None = None
 ) -> list[Source]:
-    """Sources of one triangle each, of the triangles that cells of constant radiance are, or are parts of.
+    """Sources of one triangle each, for the triangles of cells of constant radiance.
 
-    tri_sealed   (n_tri,) bool: of emitters.EmittingMeshes; none if None
+    tri_sealed   (n_tri,) bool: as in emitters.EmittingMeshes; None for none
     """
     own, first = np.unique(cells.tri, return_index=True)
     rgb, area = cells.mean_rgb[first], triangle_normals_areas(corner_unit[own])[1].astype(np.float32)

@@ -20,14 +20,14 @@ from .stratified_choice import Clusters, Int64, sort_by_place
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance, in units of a node's `square`, below which its children are evaluated
 _AMONG = np.float32(4)  # the same for these children; measured: light by strips 5 mm from a wall takes as long with 2 and with 9
-# A receiver within this ratio of squared distances to the farthest cell is near, too. Measured on a street by night with 500 small windows:
-# without it direct light has four times the variance.
+# A receiver is near, too, if its squared distance is below this times that of the farthest cell. Measured on a street by night with 500
+# small windows: without it direct light has four times the variance.
 _OUTSIDE = np.float32(1.2)
-_GRAZING = np.float32(0.02)  # least cosine: a receiver's normal and place differ from those at which its importances are evaluated
-_BEHIND = np.float32(0.002)  # in place of the cosine of nodes that are surely below the horizon or face away
-_AT_RIGHT_ANGLES = 0.25  # unit box: this distance from the mean counts in cut_by_spread as much as a normal at right angles to the mean
-# Mean squared distance of places and normals at which cutting ends. Measured: fewer runs are faster to choose from; from ten times as much
-# on, the additional rays take the time that is saved.
+_GRAZING = np.float32(0.02)  # least cosine, since importances are evaluated at a normal and position that differ from the receiver's
+_BEHIND = np.float32(0.002)  # replaces the cosine of nodes that are certainly below the horizon or face away
+_AT_RIGHT_ANGLES = 0.25  # unit box: in cut_by_spread, this distance from the mean counts as much as a normal perpendicular to the mean
+# Mean squared distance of positions and normals at which cutting ends. Measured: fewer runs are faster to choose from; but with ten times
+# this value the additional rays take the time that is saved.
 _EVEN = 0.001
 _TRIED = 256  # candidate places of a cut
 _PARTS, _FEW = 8, 32  # children of a node; a node of at most _FEW cells has the cells as children
@@ -37,11 +37,11 @@ _PARTS, _FEW = 8, 32  # children of a node; a node of at most _FEW cells has the
 class EmitterClusters:
     """A forest over emitting cells: the first nodes are its roots, the runs; its leaves are single cells.
 
-    runs            of all cells
+    runs            the roots as Clusters
     first, last     (n_node,) int64     the node has the cells first ... last - 1
     below, count    (n_node,) int64     its children are nodes below ... below + count - 1; count is 0 for a single cell
-    sealed          (n_node,) bool      all of its cells are faces of closed solids whose inside is never seen
-    weight          (n_node,) float32   this and the following as in Clusters
+    sealed          (n_node,) bool      whether all of its cells are faces of closed solids whose inside is never seen
+    weight          (n_node,) float32   this and the following are as in Clusters
     centre, normal  (n_node, 3) float32
     square, spread  (n_node,) float32
     extent          (n_node,) float32   squared distance of its farthest cell from the centre, unit box squared
@@ -62,7 +62,7 @@ class EmitterClusters:
 
     @classmethod
     def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: NDArray[np.bool_]) -> EmitterClusters:
-        """The forest over cells (n,) in the order of `order_cells`; centre, normal (n, 3); square (n,), their squared size, unit box."""
+        """The forest over cells (n,) in the order of `order_cells`: weight (n,), centre and normal (n, 3), squared size (n,), unit box."""
         weight = weight / max(float(weight.max()), 1e-300)
         starts = [cut_by_spread(weight, np.concatenate([centre / _AT_RIGHT_ANGLES, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
         while len(starts[-1]) < len(weight):
@@ -85,7 +85,7 @@ class EmitterClusters:
         return len(self.runs)
 
     def estimate(self, receivers: Receivers, reach: Float32) -> Float32:
-        """(n, n_run): importance > 0 of the runs, about their unoccluded irradiance; reach (n,), unit box: radius around the receivers."""
+        """(n, n_run): importances > 0 of the runs, which approximate their unoccluded irradiance; reach (n,), unit box: receiver radius."""
         centre, normal, square, spread, weight, sealed = (
             getattr(self, name)[: len(self)] for name in ("centre", "normal", "square", "spread", "weight", "sealed")
         )
@@ -102,7 +102,7 @@ class EmitterClusters:
         return out
 
     def choose(self, receivers: Receivers, run: Int64, u: FloatArray) -> tuple[Int64, Float64]:
-        """Cells of runs (n,) and their probabilities within them: near nodes choose a child by importance, others a cell by weight."""
+        """Choose cells of runs (n,), with probabilities (n,): near nodes choose a child by importance, others a cell by weight."""
         node, chance, left = run.copy(), np.ones(len(run)), u.astype(np.float64)
         several = np.flatnonzero(self.count[node])
         nobody = np.zeros(len(run), np.float32)
@@ -124,16 +124,17 @@ class EmitterClusters:
     def _reach_of(self, node: Int64, squares: np.float32) -> Float32:
         """(n,) float32, unit box squared: squared distance below which a receiver is near to nodes (n,).
 
-        It covers their farthest cells: a receiver at a cell far from hundreds of others would otherwise send it hardly a ray.
+        It includes their farthest cells: a receiver at a cell that is far from hundreds of others would otherwise hardly sample it.
         """
         out: Float32 = np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
         return out
 
     def _estimate_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
-        """Importances (m,) of all children of nodes (n,), in order; where those of each node begin (n,); and the child nodes (m,).
+        """Importances (m,) of all children of nodes (n,), in order; the index (n,) of each node's first child among them; and the child
+        nodes (m,).
 
-        A child close to the receiver takes the sum over its own children, recursively: the centre of several strips is a poor estimate
-        when the receiver nearly touches one of them.
+        A child close to the receiver has the sum over its own children, recursively: the centre of several strips is a poor proxy if the
+        receiver nearly touches one of them.
         """
         count = self.count[node]
         start = np.cumsum(count) - count
@@ -160,7 +161,7 @@ def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
 
 
 def _pick(estimated: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:
-    """Picks one of each group of entries (m,): its index, its probability, and u rescaled to be uniform in [0, 1] again.
+    """Choose one entry (m,) of each group by importance: its index, its probability, and u rescaled to be uniform in [0, 1] again.
 
     start   (n,): first entries of the groups
     """
@@ -218,12 +219,12 @@ def order_cells(centre: FloatArray, normal: FloatArray, sealed: NDArray[np.bool_
 
 
 def cut_by_spread(weight: Float64, place: FloatArray, most: int, even: float) -> Int64:
-    """First entries of at most `most` runs of entries (n,) whose places (n, k) are close to each other.
+    """First entries of at most `most` runs of entries (n,) whose positions (n, k) are close to each other.
 
-    Greedy top-down clustering: the run of greatest weighted sum of squared distances from its mean is cut where the sum over both parts is
-    least, until the mean over all entries is at most `even`.
+    Greedy top-down clustering: the run with the greatest weighted sum of squared distances from its mean is cut where the sum over both
+    parts is least, until the mean over all entries is at most `even`.
     """
-    weight = weight + 1e-9 * max(float(weight.max()), 1e-300)  # entries of weight 0 need a place too
+    weight = weight + 1e-9 * max(float(weight.max()), 1e-300)  # entries of weight 0 count a little
     mass = np.append(0.0, np.cumsum(weight))
     moment = np.concatenate([np.zeros((1, place.shape[1])), np.cumsum(place * weight[:, None], axis=0)])
     second = np.append(0.0, np.cumsum((place * place).sum(axis=1) * weight))

@@ -51,9 +51,9 @@ class EmittingMeshes:
 
 @dataclass(frozen=True)
 class MeshEmitter:
-    """All emitting triangles of one material, or those of constant radiance, both sides.
+    """Emitting triangles of one material, on both sides.
 
-    sides        (n_cell,) int8                    1 where light from its back would never be seen, see sealed_solids; else 2
+    sides        (n_cell,) int8                    1 if light from its back is never seen, see sealed_solids; else 2
     tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
     tri_normal   (3, n_tri) float32, unit
     """
@@ -71,7 +71,7 @@ class MeshEmitter:
 
     @cached_property
     def _is_uniform(self) -> bool:
-        """Whether all have the same radiance."""
+        """Whether all cells have the same radiance."""
         rgb = self.cells.mean_rgb
         return self.cells.constant and bool((rgb == rgb[:1]).all())
 
@@ -114,7 +114,7 @@ class WorldEmitter:
 
 
 def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
-    """Directions (n, 3) around +Z, turned to be around unit normals (n, 3)."""
+    """Directions (n, 3) around +Z, rotated to be around unit normals (n, 3)."""
     tangent, bitangent = orthonormal_basis(normal)
     out: FloatArray = tangent * local[:, :1]
     out += bitangent * local[:, 1:2]
@@ -125,9 +125,9 @@ def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
 def build_emitters(
     snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
 ) -> tuple[tuple[Emitter, ...], list[tuple[str, str]]]:
-    """Everything that emits, and (name, sentence) for every light that had to be changed or left out; meshes of the same snapshot.
+    """All emitters of a snapshot, and (name, sentence) for every light that had to be changed or left out.
 
-    Raises ValueError when nothing emits.
+    Raises ValueError if nothing emits.
     """
     emitters: list[Emitter] = []
     warnings: list[tuple[str, str]] = []
@@ -157,7 +157,7 @@ def build_emitters(
 
 
 def usable_power(light: Light) -> tuple[Float64, str]:
-    """The light's power with only finite numbers >= 0, all 0 where it is left out; and a sentence if that changed it."""
+    """The light's power with only finite numbers >= 0, all 0 if the light is left out; and a sentence if that changed it."""
     power = np.array(light.power_rgb, np.float64)
     placement = (*light.position_m, *chain(*light.rotation), *light.size_m)
     numbers = (light.radius_m, light.cone_angle_rad, light.blend, light.angle_rad, light.spread_rad)
@@ -190,9 +190,10 @@ def usable_environment(snapshot: SceneSnapshot) -> Environment | None:
 
 
 def _mark_crowded(emitters: Sequence[Emitter], corner_unit: Float32) -> list[Emitter]:
-    """The same, and whether a surface cuts into their radius, by the triangles' bounding boxes (corner_unit (n_tri, 3, 3), unit box).
+    """The emitters, where point lights are marked as crowded if a surface is within their radius, by the bounding boxes of triangles
+    corner_unit (n_tri, 3, 3), unit box.
 
-    Of very many lamps each is taken to be crowded, which costs a short ray for each of their photons.
+    If there are very many lamps, all of them are marked, which costs a short ray for each of their photons.
     """
     out = list(emitters)
     wide = [i for i, one in enumerate(out) if isinstance(one, PointEmitter) and one.radius.any() and (one.casts_shadow or not one.soft)]

@@ -20,7 +20,7 @@ from ..util.sampling import square_to_uniform_triangle
 from .light_links import LightLinks
 
 _MAX_CELLS = 2**17
-_FIRST_CELLS = 2**16, 64  # in all, and per side of a triangle: the distance from a near receiver varies over a triangle
+_FIRST_CELLS = 2**16, 64  # before refinement, in all and per side of a triangle, since the distance of near receivers varies over it
 _CELL_SAMPLES = 4  # per side
 _FLOOR = 0.05  # of the mean radiance, added so that the pdf is positive where the cell's samples missed the light
 # Refinement ends at this variance of the radiance within cells, relative to the squared mean radiance: the other variance of shadow rays
@@ -36,13 +36,13 @@ class EmittingCells:
 
     tri          (n,) int64
     corner       (n, 2) float32     lower left corner of the square
-    side         (n,) float32       1 where the cell is the whole domain
+    side         (n,) float32       1 if the cell is the whole domain
     area_m2      (n,) float64
     mean_rgb     (n, 3) float64     W/m^2/sr, mean of the samples
     constant     whether every cell's radiance is its mean_rgb everywhere
     part         (n, 3, 2) float32  weights of the triangle's corners 1 and 2 at the corners of the part to which the domain maps, see
                                     slender_triangles; None if no triangle is cut into parts
-    link         row of LightLinks, -1 of none
+    link         row of LightLinks, -1 for none
     """
 
     tri: NDArray[np.int64]

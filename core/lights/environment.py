@@ -1,4 +1,4 @@
-"""A world whose radiance varies with direction: its map, and the emission of its photons."""
+"""A world whose radiance varies with direction: its map, and its photons."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Environment:
 
     @cached_property
     def cell_power(self) -> Float64:
-        """(h, w) float64: radiance times solid angle of each cell, the three channels as one number."""
+        """(h, w) float64: brightness (weigh_channels) times solid angle of each cell."""
         height, width, _ = self.radiance.shape
         brightness = weigh_channels(self.radiance.reshape(-1, 3)).reshape(height, width)
         return brightness * find_solid_angles(height, width)[:, None]
@@ -43,9 +43,9 @@ class Environment:
 
 @dataclass(frozen=True)
 class EnvironmentEmitter:
-    """Photons of an environment: a direction by power, then a place on the scene's outline across it.
+    """Photons of an environment: a direction is chosen by power, then a point on the scene's outline perpendicular to it.
 
-    table         cells by the power that comes from each into the scene
+    table         cells, weighted by the power that each sends into the scene
     cell_share    (h * w, 3) float32: power of a cell over its probability and over power_rgb, for an outline of 1
     """
 
@@ -58,7 +58,7 @@ class EnvironmentEmitter:
 
     @classmethod
     def of(cls, name: str, environment: Environment, cover: SceneCover, per_area: float) -> EnvironmentEmitter:
-        """per_area   square metres to one of the unit box"""
+        """per_area   square metres per unit of area in the unit box"""
         height, width, _ = environment.radiance.shape
         outline = cover.outline_area(find_middles((height, width))) * per_area
         weight = environment.cell_power.ravel() * outline

@@ -1,6 +1,6 @@
-"""Suns of an environment map: small bright spots that hold much of its light are replaced by sun lights of their size.
+"""Suns of an environment map: small bright spots with much of its light are replaced by sun lights of the same size.
 
-Every texel sends shadow rays to a sun, which keeps its shadows sharp; sampled as cells of the map, a sun would add variance.
+Every texel sends shadow rays to a sun light, which keeps shadows sharp; sampled as cells of the map, a sun would add variance.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from ..util.brightness import weigh_channels
 from ..util.geometry import orthonormal_basis
 from ..util.sphere_map import find_middles, find_solid_angles
 
-LEAST_SHARE = 0.02  # of the map's power that a sun holds
+LEAST_SHARE = 0.02  # of the map's power; a spot with less is not a sun
 MOST_SUNS = 8
-_WIDEST_RAD = math.radians(2.0)  # half angle; what is larger has soft shadows anyway
-_FAINT = 0.02  # of the peak's radiance above its surroundings: less is glow, not sun
+_WIDEST_RAD = math.radians(2.0)  # half angle; larger spots have soft shadows anyway
+_FAINT = 0.02  # of the peak's radiance above its surroundings; cells with less are glow, not sun
 _GLOW = 1.5  # radius in which the glow around a spot is measured, in radii of the spot plus two cells
 
 
@@ -48,7 +48,7 @@ LookCloser = Callable[[Float64, float], Spot]
 def take_suns_out(
     world_map: NDArray[np.float32], look_closer: LookCloser | None = None, name: str = "World"
 ) -> tuple[NDArray[np.float32], tuple[Light, ...]]:
-    """The map (h, w, 3) without its suns, and the suns; together they emit what the map did.
+    """The map (h, w, 3) without its suns, and the suns; together they emit the light of the map.
 
     look_closer   samples a spot in finer cells than the map's, for the position, size and power of small suns
     """
@@ -60,7 +60,7 @@ def take_suns_out(
     brightness = weigh_channels(rest)
     total = float((brightness * solid_angle).sum())
     lights: list[Light] = []
-    asked = brightness.copy()  # 0 where already examined
+    asked = brightness.copy()  # set to 0 where examined
     for _ in range(4 * MOST_SUNS):
         middle = _find_middle(toward, asked * solid_angle, int(asked.argmax()))
         near = np.flatnonzero(toward @ middle.astype(toward.dtype) > math.cos(_WIDEST_RAD * _GLOW + 2 * cell_rad))

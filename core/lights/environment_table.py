@@ -1,5 +1,5 @@
-"""Directions of an environment map for shadow rays: patches of it by what they bring to normals, then cells by power; their pdf; and the
-irradiance of the whole map by normal.
+"""Sampling of an environment map for shadow rays: patches by their irradiance at normals, then cells by power; the pdf; and the irradiance
+of the whole map by normal.
 """
 
 from __future__ import annotations
@@ -17,23 +17,20 @@ from .environment import Environment
 
 Int64 = NDArray[np.int64]
 
-_PATCH_ROWS, _PATCH_COLUMNS = 32, 64  # that the map is cut into
-_SECTOR = 4  # patches along each side of a sector, in which visibility is learned
-_NORMAL_ROWS = 48  # of the table of irradiance by normal; half its columns
+_PATCH_ROWS, _PATCH_COLUMNS = 32, 64  # patches of the map
+_SECTOR = 4  # patches along each side of a sector; visibility is measured by sector
+_NORMAL_ROWS = 48  # rows of the table of irradiance by normal, which has twice as many columns
 
 
 @dataclass(frozen=True)
 class EnvironmentTable:
-    """An environment made ready for shadow rays.
-
-    Cells of the map are sorted by patch. power: of a cell or patch, its brightness times its solid angle.
-    """
+    """An environment prepared for shadow rays. The power of a cell or patch is its brightness times its solid angle."""
 
     environment: Environment
 
     @classmethod
     def of(cls, environment: Environment) -> EnvironmentTable:
-        """A map of few cells is repeated until none is larger than a patch."""
+        """The table of an environment. Cells of a coarse map are divided until none is larger than a patch."""
         height, width, _ = environment.radiance.shape
         radiance = environment.radiance.repeat(-(-2 * _PATCH_ROWS // height), axis=0).repeat(-(-2 * _PATCH_COLUMNS // width), axis=1)
         return cls(Environment(radiance))
@@ -50,7 +47,7 @@ class EnvironmentTable:
 
     @cached_property
     def _column_start(self) -> Int64:
-        """(65,) int64: the same of columns."""
+        """(65,) int64: the same for columns."""
         return -(-np.arange(_PATCH_COLUMNS + 1) * self._shape[1] // _PATCH_COLUMNS)
 
     @cached_property
@@ -77,7 +74,7 @@ class EnvironmentTable:
 
     @cached_property
     def direction(self) -> Float32:
-        """(n_patch, 3) float32, unit: to the patches' middles by power."""
+        """(n_patch, 3) float32, unit: mean directions of patches, weighted by power."""
         toward = find_middles(self._shape).astype(np.float64)
         power = self.environment.cell_power.ravel()
         sums = np.stack([np.bincount(self._patch_of_cell, power * axis, len(self.power)) for axis in toward.T], axis=1)
@@ -86,7 +83,7 @@ class EnvironmentTable:
 
     @cached_property
     def sector(self) -> Int64:
-        """(n_patch,) int64: in which its visibility is learned."""
+        """(n_patch,) int64: sector of each patch."""
         row, column = np.divmod(np.arange(_PATCH_ROWS * _PATCH_COLUMNS), _PATCH_COLUMNS)
         return row // _SECTOR * (_PATCH_COLUMNS // _SECTOR) + column // _SECTOR
 
@@ -104,13 +101,13 @@ class EnvironmentTable:
         toward, flux = self._condense()
         out = np.empty((len(polar), len(azimuth), 3), np.float32)
         for row, line in zip(out, normal.astype(np.float32), strict=True):
-            # Products of small matrices: large ones start threads.
+            # Small matrix products, since large ones would start threads.
             cosine = np.maximum(line @ toward.T, 0)
             row[:] = cosine @ flux
         return out
 
     def _condense(self) -> tuple[Float32, Float32]:
-        """Directions (n, 3) of blocks of cells and their radiance times solid angle (n, 3): fine enough for what varies with a cosine."""
+        """Directions (n, 3) of blocks of cells and their radiance times solid angle (n, 3), fine enough for cosine-weighted integrals."""
         height, width = self._shape
         rows, columns = min(2 * _PATCH_ROWS, height), min(2 * _PATCH_COLUMNS, width)
         block = ((np.arange(height) * rows // height)[:, None] * columns + np.arange(width) * columns // width).ravel()
@@ -119,14 +116,14 @@ class EnvironmentTable:
         rgb = self.environment.radiance.reshape(-1, 3) * solid_angle[:, None]
         weight = self.environment.cell_power.ravel()
         middle: Float64 = np.stack([np.bincount(block, weight * axis, rows * columns) for axis in toward.T], axis=1)
-        # The middle of a block is a little nearer than 1: the mean of the cosine is the cosine at that point.
+        # The mean vector of a block is slightly shorter than 1; its dot product with a normal is the mean cosine.
         middle /= np.maximum(np.bincount(block, weight, rows * columns), 1e-300)[:, None]
         flux = np.stack([np.bincount(block, channel, rows * columns) for channel in rgb.T], axis=1)
         lit = flux.any(axis=1)
         return middle[lit].astype(np.float32), flux[lit].astype(np.float32)
 
     def find_irradiance(self, normal: FloatArray) -> Float64:
-        """(n, 3) float64, W/m^2: unoccluded, at unit normals (n, 3); interpolated, exact to 0.1 % of the brightest normal's."""
+        """(n, 3) float64, W/m^2: unoccluded irradiance at unit normals (n, 3), interpolated to 0.1 % of that at the brightest normal."""
         table = self._irradiance_by_normal
         x, y, z = np.asarray(normal, np.float64).T
         up = np.arctan2(np.hypot(x, y), -z) * (_NORMAL_ROWS / np.pi)
@@ -154,7 +151,7 @@ class EnvironmentTable:
         return place_in_cells(self._shape, cell, along, up), cell, density
 
     def pdf(self, chance: FloatArray, direction: FloatArray) -> Float64:
-        """(n,) float64, per steradian: of unit directions (n, 3), where patches are chosen by chances (n_patch,)."""
+        """(n,) float64, per steradian: pdf of unit directions (n, 3) if patches have the probabilities chance (n_patch,)."""
         height, width = self._shape
         cell = find_cells(self._shape, direction)
         patch = self._patch_of_cell[cell]
@@ -163,7 +160,7 @@ class EnvironmentTable:
         return out
 
     def rate_by_normals(self, normal: FloatArray) -> Float64:
-        """(n_group, n_patch) float64: about the irradiance that each patch brings to a group of normals (n_group, k, 3), on average."""
+        """(n_group, n_patch) float64: approximate irradiance from each patch, averaged over a group of normals (n_group, k, 3)."""
         out = np.zeros((len(normal), len(self.power)))
         for one in np.moveaxis(normal, 1, 0):
             cosine = one.astype(np.float32) @ self.direction.T
@@ -173,9 +170,9 @@ class EnvironmentTable:
 
 
 class PatchChoice:
-    """Choice of patches for blocks of texels: a row of them, then one of its columns.
+    """Sampling of patches for blocks of texels: first their row, then their column.
 
-    chance   (n_block, n_patch) float64
+    chance   (n_block, n_patch) float64, probabilities
     """
 
     def __init__(self, chance: Float64) -> None:
@@ -183,7 +180,7 @@ class PatchChoice:
         self._rows, self._columns = LineTable(by_row.sum(axis=2)), LineTable(by_row.reshape(-1, _PATCH_COLUMNS))
 
     def choose(self, block: Int64, u: FloatArray) -> tuple[Int64, Float64, Float64]:
-        """Patches of blocks (n,), their chances, and what is left of the numbers (n, 2): along and up."""
+        """Patches for blocks (n,), their probabilities, and the numbers (n, 2) rescaled to [0, 1]: along and up."""
         row, up, of_row = self._rows.find(block, u[:, 1])
         column, along, of_column = self._columns.find(block * _PATCH_ROWS + row, u[:, 0])
         return row * _PATCH_COLUMNS + column, of_row * of_column, np.stack([along, up], axis=1)

@@ -1,6 +1,6 @@
 """Irradiance from unoccluded lights of unit radiance or intensity, in closed form.
 
-All lengths are of one unit. Receivers are points with a unit normal; light reaches only the side it points to.
+All lengths have the same unit. Receivers are points with a unit normal; only light from that side counts.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from ..util.arrays import FloatArray
 
-_FAR_IN_RADII = 3.0  # beyond it few corners stand for an ellipse
+_FAR_IN_RADII = 3.0  # distance beyond which an ellipse is approximated with few corners
 _FAR_CORNERS, _NEAR_CORNERS = 12, 32
 
 
 def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.float64]:
-    """From a cone of directions of radiance 1, cut by the receiver's horizon; in full view pi sin^2 cos.
+    """From a cone of directions of radiance 1, cut by the receiver's horizon; if wholly above it, pi sin^2 cos.
 
     cosine         (n,) float    between the receiver's normal and the cone's axis
     sine_squared   (n,) float    of the cone's half angle, at most a right angle
@@ -41,11 +41,11 @@ def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.f
 
 
 def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArray | float, soft: bool) -> NDArray[np.float64]:
-    """From a point light of intensity 1, a disk that turns to the receiver (soft), or a sphere.
+    """From a point light of intensity 1: a disk that faces the receiver (soft), or a sphere.
 
     to_light   (n, 3) float   from the receivers to the light's centre
     radius     a number, (1,) or (n,) float; all 0, or none
-    out        (n,) float64   facing a disk 1 / (d^2 + r^2); inside a sphere that of its radiance all around, as in Cycles
+    out        (n,) float64   facing a disk 1 / (d^2 + r^2); inside a sphere that of its radiance from all sides, as in Cycles
     """
     vector = np.asarray(to_light, np.float64)
     distance_squared = np.maximum((vector * vector).sum(axis=1), 1e-300)
@@ -77,13 +77,13 @@ def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> ND
 
 
 def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
-    """From a convex plane polygon of radiance 1, cut by the receiver's horizon; negative where it is seen clockwise.
+    """From a convex planar polygon of radiance 1, cut by the receiver's horizon; negative if the receiver sees it clockwise.
 
     corners            (m, 3) or (n, m, 3) float    one polygon, or one per receiver
     position, normal   (n, 3) float
     out                (n,) float64
-    Source: Lambert 1760; Arvo 1995, "Applications of Irradiance Tensors", 2.1. Each edge is cut by itself; the arc between
-    the two cuts runs along the horizon.
+    Source: Lambert 1760; Arvo 1995, "Applications of Irradiance Tensors", 2.1. Edges are cut independently; an arc along the horizon closes
+    the gap between the two cuts.
     """
     points = np.reshape(corners, (-1, *np.shape(corners)[-2:]))
     place, up = (np.ascontiguousarray(rows.T, np.float64) for rows in (position, normal))
@@ -113,7 +113,7 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
 
 
 def ellipse_irradiance(centre: FloatArray, semi_axes: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
-    """From an ellipse of radiance 1, as a polygon of its area and second moments to 0.1 %; signed as polygon_irradiance.
+    """From an ellipse of radiance 1, as a polygon with its area, and its second moments to 0.1 %; signed as polygon_irradiance.
 
     centre      (3,) or (m, 3) float         one ellipse, m = 1, or one per receiver, m = n
     semi_axes   (2, 3) or (m, 2, 3) float    counter-clockwise on the shining side

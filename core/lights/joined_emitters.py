@@ -1,7 +1,7 @@
-"""The emitters of a scene, with lights of a kind joined: their photons are emitted together, as numpy is slow on short arrays.
+"""The emitters of a scene, with lights of a kind joined: their photons are emitted together, since numpy is slow on short arrays.
 
-The last axis of the arrays of a joinable light is that of lights: 1 for a single one, k for joined ones, n for the values of n photons.
-Each photon is bitwise equal to that of its light alone for the same random numbers.
+The last axis of a joinable light's arrays is that of lights: 1 for a single one, k for joined ones, n for the values of n photons. With the
+same random numbers, each photon is bitwise equal to that of its light alone.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from ..util.geometry import gather, take_rows
 from .emitters import WorldEmitter
 from .lights import AreaEmitter, Births, Emitter, PointEmitter
 
-_OWN = ("name", "power_rgb", "casts_shadow", "link")  # fields that say nothing of where and how photons are born
+_OWN = ("name", "power_rgb", "casts_shadow", "link")  # fields that do not affect positions and directions of emitted photons
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """Lights that differ in arrays alone, joined; or an emitter alone."""
+    """Joined lights, which differ only in arrays; or a single emitter."""
 
     first: Any  # Emitter
-    arrays: dict[str, NDArray[Any]]  # (..., k), by field; none of an emitter alone
+    arrays: dict[str, NDArray[Any]]  # (..., k), by field; empty for a single emitter
 
     @classmethod
     def of(cls, emitters: Sequence[Emitter]) -> _Kind:
@@ -36,10 +36,10 @@ class _Kind:
         return cls(emitters[0], {name: np.concatenate([arrays[name] for arrays in of_each], axis=-1) for name in of_each[0]})
 
     def emit(self, light: IntArray, u: Float32) -> Births:
-        """Photons of its lights (n,), ascending, for numbers (n, 4)."""
+        """Photons of lights (n,) of this kind, ascending, for numbers (n, 4)."""
         own = light[:1] if light[0] == light[-1] else light
-        bearing: Emitter = replace(self.first, **{name: gather(values, own) for name, values in self.arrays.items()})
-        return bearing.emit(u)
+        joined: Emitter = replace(self.first, **{name: gather(values, own) for name, values in self.arrays.items()})
+        return joined.emit(u)
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class JoinedEmitters:
 
     power_rgb      (n_emitter, 3) float64, W
     casts_shadow   (n_emitter,) bool
-    is_even_sky    (n_emitter,) bool    its light meets what diffuse rays meet
-    crowded        (n_emitter,) bool    of a PointEmitter
-    kind           (n_emitter,) int64   of each emitter
-    light          (n_emitter,) int64   which of its kind each is
-    link           (n_emitter,) int16   its row of LightLinks, -1 of none
+    is_even_sky    (n_emitter,) bool    whether it is an even sky, whose light passes surfaces as diffuse rays do
+    crowded        (n_emitter,) bool    see PointEmitter
+    kind           (n_emitter,) int64   index into kinds
+    light          (n_emitter,) int64   index within the kind
+    link           (n_emitter,) int16   row of LightLinks, -1 for none
     """
 
     power_rgb: Float64
@@ -84,7 +84,7 @@ class JoinedEmitters:
         return len(self.kind)
 
     def emit(self, emitter: IntArray, u: Float32) -> Births:
-        """Photons of emitters (n,), n > 0, ascending, for numbers u (n, 4) float32 as of Emitter.emit."""
+        """Photons of emitters (n,), n > 0, ascending, for numbers u (n, 4) float32, see Emitter.emit."""
         kind, light = self.kind.take(emitter), self.light.take(emitter)
         found: list[int] = np.flatnonzero(np.bincount(kind)).tolist()
         if len(found) == 1:
@@ -104,12 +104,12 @@ class JoinedEmitters:
 
 
 def _name_kind(emitter: Emitter) -> tuple[object, ...]:
-    """What lights that can be joined have in common; () of other emitters."""
+    """Key that is equal for lights that can be joined; () for other emitters."""
     if type(emitter) not in (PointEmitter, AreaEmitter):
         return ()
     return type(emitter), *(value for name, value in vars(emitter).items() if name not in _OWN and not isinstance(value, np.ndarray))
 
 
 def _arrays(emitter: Emitter) -> dict[str, NDArray[Any]]:
-    """Those of its fields that have an axis of lights."""
+    """The fields of an emitter that have an axis of lights."""
     return {name: value for name, value in vars(emitter).items() if name not in _OWN and isinstance(value, np.ndarray)}

@@ -1,8 +1,7 @@
-"""Lamps and glowing meshes that do not treat all surfaces or rays alike: which objects they light, which cast their shadows, and which
-rays see them.
+"""Light linking: the objects that a lamp or glowing mesh lights, the objects that block it, and the kinds of rays that see it.
 
-Source: Blender's light linking and shadow linking, and a lamp's ray visibility. A ray is of the kind by which it left the last surface, as
-a light path runs from the receiver to the lamp.
+Source: Blender's light linking and shadow linking, and a lamp's ray visibility. Paths run from the receiver to the lamp, so a ray has the
+kind by which it left the last surface.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class LightLinks:
-    """A row for each group of lamps with the same choices.
+    """The links of a scene; lights with the same links share a row.
 
-    of_light   (n_light,) int16     row of each of the snapshot's lights, -1 where it treats all alike
-    of_tri     (n_tri,) int16       row of the light that each triangle emits, -1 the same
-    lit        (n_row, n_tri) bool  triangles that it lights
-    blocks     (n_row, n_tri) bool  triangles that cast its shadows
-    seen_rgb   (3, 3, n_row) float32   share that diffuse, glossy and transmission rays see of it, by channel
+    of_light   (n_light,) int16     row of each of the snapshot's lights, -1 without links
+    of_tri     (n_tri,) int16       row for the emission of each triangle, -1 without links
+    lit        (n_row, n_tri) bool  triangles that the light lights
+    blocks     (n_row, n_tri) bool  triangles that block it
+    seen_rgb   (3, 3, n_row) float32   share of it that diffuse, glossy and transmission rays see, by channel
     """
 
     of_light: NDArray[np.int16]
@@ -64,7 +63,7 @@ class LightLinks:
         return len(self.lit)
 
     def look_up(self, row: NDArray[np.int16], tri: IntArray) -> Linked:
-        """How lamps of rows (n,), -1 plain ones, treat triangles (n,) that their photons have met."""
+        """Links of photons from lamps with rows (n,), -1 for none, at triangles (n,) that they have met."""
         linked = row >= 0
         own = np.maximum(row, 0).astype(np.intp)
         lit = np.where(linked, self.lit[own, tri], True)
@@ -74,10 +73,10 @@ class LightLinks:
 
 @dataclass(frozen=True)
 class Linked:
-    """What becomes of photons where they meet a surface straight from their lamp.
+    """Links of photons at the first surface that they meet.
 
-    seen   (3, 3, n) float32: share that diffuse, glossy and transmission rays that leave there see of the light, by channel
-    open   (n,) bool: they go on as if nothing were there, whether they light it or not
+    seen   (3, 3, n) float32: share of their light that diffuse, glossy and transmission rays from the surface see, by channel
+    open   (n,) bool: whether they also go on as if the surface were not there
     """
 
     seen: Float32
@@ -89,7 +88,7 @@ _LIKE_ALL: _Choice = (None, None, SEEN_BY_ALL)
 
 
 def _find_row(rows: dict[_Choice, int], choice: _Choice) -> int:
-    """That of a choice, a new one where it has none; -1 of what treats all alike."""
+    """Row of a choice, which is added if it is new; -1 for no links."""
     return -1 if choice == _LIKE_ALL else rows.setdefault(choice, len(rows))
 
 
@@ -98,7 +97,7 @@ def _see(rgb: Sequence[Rgb], seen_by: Sequence[bool]) -> tuple[Rgb, ...]:
 
 
 def _find_chosen(chosen: tuple[int, ...] | None, count: int) -> Bools:
-    """(count,) bool: objects by their numbers; None is all."""
+    """(count,) bool: objects by their indices; None for all."""
     out = np.full(count, chosen is None)
     out[list(chosen or ())] = True
     return out

@@ -16,7 +16,7 @@ from ..util.geometry import UnitBox, combine_vectors, orthonormal_basis, stack_c
 from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
 from ..util.sphere_map import CellTable, find_solid_angles
 
-SMALLEST_SIDE = 1e-6  # unit box; a light without extent shines as one of this side
+SMALLEST_SIDE = 1e-6  # unit box; least side of an area light
 LAMBERTIAN_SPREAD_RAD = math.pi - 1e-4
 SMALLEST_SPREAD_RAD = math.radians(0.1)  # a smaller one looks the same and cannot be integrated
 _SHARPEST_RIM = 1e-12  # of a spot, in 1 - cosine: below the resolution of float32
@@ -26,13 +26,13 @@ _CONE_STEPS = 64
 
 @dataclass(frozen=True)
 class Births:
-    """Newborn photons; best as views of (k, n) rows.
+    """Emitted photons; best as views of (k, n) rows.
 
     origin         (n, 3) float32, unit box
     direction      (n, 3) float32, unit
-    relative_rgb   (n, 1) or (n, 3) float32   power relative to the emitter's equal share; its mean is 1
-    soft_radius    (n,) float32, unit box     radius of the disk that turns to the receiver; 0 for all other lights;
-                                              of photons that cross a sphere, minus the way on which they must end
+    relative_rgb   (n, 1) or (n, 3) float32   power relative to equal shares of the emitter's; its mean is 1
+    soft_radius    (n,) float32, unit box     radius of a disk that faces the receiver; 0 for other lights; for photons that cross a sphere,
+                                              minus the distance within which they must hit a surface
     soft_offset    (n,) float32, unit box     distance of the origin from that disk's centre
     """
 
@@ -44,10 +44,10 @@ class Births:
 
 
 class Emitter(Protocol):
-    """Anything photons are born from.
+    """Anything that emits photons.
 
     power_rgb      (3,) float64, W, emitted into the scene
-    casts_shadow   False: it lights every surface along its way, also those behind others
+    casts_shadow   if False, its light reaches every surface along a ray, also those behind others
     """
 
     @property
@@ -64,14 +64,14 @@ class Emitter(Protocol):
 
 
 def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray | None = None) -> Births:
-    """Births without a soft radius; equal shares when `relative` is left out."""
+    """Births without a soft radius; photons have equal power if `relative` is left out."""
     zero = np.zeros(len(origin), np.float32)
     shares = np.ones((len(origin), 1), np.float32) if relative is None else relative.astype(np.float32)
     return Births(origin.astype(np.float32, copy=False), direction.astype(np.float32, copy=False), shares, zero, zero)
 
 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
-    """Local directions (n, 3) in world space; +Z goes to -axes[2], where a Blender light shines. axes (3, 3, 1) or (3, 3, n)."""
+    """Local directions (n, 3) in world space; +Z maps to -axes[2], along which a Blender light shines. axes (3, 3, 1) or (3, 3, n)."""
     shining = axes * np.array([1, 1, -1], np.float32)[:, None, None]
     turned: Float32 = combine_vectors(np.asarray(local, np.float32), shining)
     return turned
@@ -95,9 +95,9 @@ def sample_spot_drop(u: FloatArray, drop: Float64 | float, blend: Float64 | floa
         return mass
     rim = np.maximum(drop * blend, _SHARPEST_RIM)
     full, inner, width = (np.asarray(value, u.dtype) for value in (drop, drop - rim, rim))
-    beyond = (mass - inner) / (width / 2)  # share of the rim's flux that lies further in
+    beyond = (mass - inner) / (width / 2)  # share of the rim's flux further inside
     target = np.clip(1 - beyond, 0, 1)
-    # 2 t^3 - t^4 is convex, so Newton's iteration falls on its root from the cube root, which lies above.
+    # 2 t^3 - t^4 is convex, so Newton's iteration converges from the cube root, which is greater than the solution.
     t = np.cbrt(target)
     for _ in range(5):
         t -= (2 * t - t * t - target / np.maximum(t * t, 1e-30)) / (6 - 4 * t)
@@ -135,14 +135,14 @@ class SpotCone:
 
 @dataclass(frozen=True)
 class PointEmitter:
-    """A point or spot light; with a radius a disk across each photon's path (soft), or a sphere. Joined as of joined_emitters.
+    """A point or spot light; with a radius, a disk perpendicular to each photon's path (soft), or a sphere. See joined_emitters.
 
     centre        (3, 1) float32, unit box
     axes          (3, 3, 1) float32            the light's x, y and z
     drop, blend   (1,) float64                 of its SpotCone
     radius        (1,) float32, unit box
-    crowded       some surface is nearer to the centre than the radius
-    A line of uniform direction at a uniform place of the disk across it is exactly the field of a uniform sphere.
+    crowded       whether some surface is nearer to the centre than the radius
+    Lines of uniform direction through uniform points of the disk perpendicular to them have exactly the light field of a uniform sphere.
     Source: Cycles, kernel/light/point.h and spot.h; radiance power / (4 pi^2 r^2).
     """
 
@@ -182,7 +182,7 @@ class PointEmitter:
             rise = np.sqrt(np.maximum(self.radius**2 - offset_squared, 0))
             if not self.crowded:
                 return make_births(origin + rise[:, None] * direction, direction)
-            # A surface inside the sphere sees its far side. So half of the photons cross the sphere, and count if they end inside.
+            # A surface inside the sphere sees its far side. So half of the photons cross the sphere, and count if they hit inside of it.
             toward = np.where(inside, -rise, rise)
             born = (origin + toward[:, None] * direction).astype(np.float32, copy=False)
             reach = np.where(inside, -2 * rise, 0).astype(np.float32)
@@ -195,7 +195,7 @@ class PointEmitter:
 class ProfileEmitter(PointEmitter):
     """A point light whose intensity differs by direction.
 
-    table   of directions in the light's own axes; None is even
+    table   directions in the light's own axes; None for an even intensity
     """
 
     table: CellTable | None = None
@@ -208,7 +208,7 @@ class ProfileEmitter(PointEmitter):
 
 @dataclass(frozen=True)
 class AreaEmitter:
-    """A one-sided rectangle or ellipse. Joined as of joined_emitters.
+    """A one-sided rectangle or ellipse. See joined_emitters.
 
     centre        (3, 1) float32, unit box
     axes          (3, 3, 1) float32            the light's x, y and z
@@ -247,7 +247,7 @@ def spread_attenuation(cosine: FloatArray, spread_rad: FloatArray | float) -> Fl
     half = np.maximum(spread_rad, SMALLEST_SPREAD_RAD) / 2
     positive = np.maximum(cosine, 1e-6)
     tangent = np.sqrt(np.maximum(1 - cosine * cosine, 0)) / positive
-    # tan x - x loses its digits where x is small; its series does not.
+    # For small x, tan x - x is computed by its series, without cancellation.
     difference = np.where(half > 0.05, np.tan(half) - half, half**3 / 3 + 2 * half**5 / 15)
     out = np.maximum(np.tan(half) - tangent, 0) / difference
     lambertian: FloatArray = np.where(np.greater(spread_rad, LAMBERTIAN_SPREAD_RAD), 1, out)
@@ -267,7 +267,7 @@ def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class SunEmitter:
-    """Parallel light, or light from a disk of directions, entering by the faces of the scene's box.
+    """Parallel light, or light from a disk of directions, which enters through the faces of the scene's box.
 
     axes           (3, 3, 1) float32   the light's x, y and z
     mean_outline   unit box squared: the box's outline, averaged over the disk
@@ -294,7 +294,7 @@ class SunEmitter:
 def make_light_emitter(
     light: Light, power_rgb: Float64, unit_box: UnitBox, cover: SceneCover, profiles: Sequence[Float32] = (), link: int = -1
 ) -> Emitter:
-    """The emitter of one of Blender's lights; power_rgb is its power_rgb with only finite numbers >= 0, link its row of LightLinks."""
+    """The emitter of a light; power_rgb is from usable_power, link is its row of LightLinks."""
     axes = np.array(light.rotation, np.float32)[..., None]
     centre = unit_box.to_unit(np.array(light.position_m))[:, None]
     if light.kind == "SUN":

@@ -1,4 +1,4 @@
-"""Sampling of many lights: clusters, a stratified choice among them, and rays until the standard error is within the tolerance."""
+"""Sampling of many lights: clusters, stratified sampling of these, and rays until the standard error is within the tolerance."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Demand:
 
     tolerance   standard error, relative to a texel's light, at which a light gets no more rays
     max_rays    per texel and light
-    flat        tiles that lie on one triangle, whose texels share first looks and choices
-    alone       (n,) bool: texels that share no samples with their neighbours; None means none
+    flat        tiles that lie on one triangle, whose texels share their first samples and pdfs
+    alone       (n,) bool: texels that share no samples with their neighbours; None for none
     dark        W/m^2: least light to which the error of light through openings is relative
     """
 
@@ -44,19 +44,19 @@ class Demand:
         return None if self.alone is None else self.alone[rows]
 
     def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
-        """The stages that begin before max_rays."""
+        """The stages that start before max_rays."""
         return [span for span in stages if span[0] < self.max_rays]
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Sorted emitters in runs of about the same importance; an emitter is chosen within its run by importance.
+    """Sorted emitters in runs, the clusters; within a cluster an emitter is chosen by importance.
 
     weight_end   (n + 1,) float64           cumulative importance
     start        (n_cluster + 1,) int64
     centre       (n_cluster, 3) float32, unit box
-    normal       (n_cluster, 3) float32     mean; short if its emitters face many directions
-    square       (n_cluster,) float32       mean squared distance of its emitters from the centre, and their own size
+    normal       (n_cluster, 3) float32     mean normal; short if the emitters face many directions
+    square       (n_cluster,) float32       mean squared distance of its emitters from the centre, plus their squared size
     """
 
     weight_end: Float64
@@ -67,7 +67,7 @@ class Clusters:
 
     @classmethod
     def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, own_square: FloatArray, start: Int64) -> Clusters:
-        """Clusters of consecutive emitters, beginning at `start`; own_square (n,) is the emitters' squared size."""
+        """Clusters of consecutive emitters, which begin at `start`; own_square (n,) is the emitters' squared size."""
         every = np.arange(len(weight))
         weight_end = np.concatenate([[0.0], np.cumsum(weight)])
         total = np.maximum(np.add.reduceat(weight, start), 1e-300)
@@ -111,7 +111,7 @@ class Clusters:
         return self.choose_among(self.start[cluster], self.start[cluster + 1], u)
 
     def choose_among(self, first: Int64, last: Int64, u: FloatArray) -> tuple[Int64, Float64]:
-        """The same among emitters first ... last - 1, (n,)."""
+        """As choose, among emitters first ... last - 1, (n,)."""
         low, width = self.weight_end[first], self.weight_end[last] - self.weight_end[first]
         chosen = np.clip(np.searchsorted(self.weight_end, low + u * width, side="right") - 1, first, last - 1)
         return chosen, np.maximum(self.weight_end[chosen + 1] - self.weight_end[chosen], 1e-300) / width
@@ -128,14 +128,14 @@ def cut_evenly(weight: Float64, most: int) -> Int64:
 
 
 def find_reach(starts: FloatArray, count: int) -> Float32:
-    """(count,) float32: about half the diagonal of each texel; starts (k * count, 3), k points per texel."""
+    """(count,) float32: about half the diagonal of each texel; starts (k * count, 3) are k points per texel."""
     place = starts.reshape(-1, count, 3)
     out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
     return out
 
 
 def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
-    """Writes to out (n, n_cluster) float64 the cdf of each row r, plus first + r, so that one binary search serves all rows."""
+    """Write to out (n, n_cluster) float64 the cdf of each row r, plus first + r, so that one binary search finds entries of all rows."""
     np.cumsum(chances, axis=1, out=out)
     out /= np.maximum(out[:, -1:], 1e-300)
     out += np.arange(first, first + len(out))[:, None]
@@ -144,7 +144,7 @@ def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
 def choose_by_strata(
     end: Float64, rows: IntArray, turn: NDArray[np.uint32], count: int, rng: np.random.Generator
 ) -> tuple[Int64, Int64, Float64, Float64]:
-    """Chooses (count, len(rows)) clusters, one in each of `count` strata of a row's cdf.
+    """Choose (count, len(rows)) clusters, one in each of `count` strata of a row's cdf.
 
     end       from `cumulate`
     rows      (n,) int      rows of end
@@ -182,14 +182,15 @@ def gather_until_sure(
     foreseen: tuple[Float64, Float64] | None = None,
     gain: Callable[[Int64], Float64] | None = None,
 ) -> tuple[Float64, Float64, int]:
-    """Irradiance (n, 3), its variance (n, 3) and the number of rays; irradiance and variance are 0 outside of the rows.
+    """Sample until the standard error is within the tolerance. Returns irradiance (n, 3), its variance (n, 3), both 0 outside of the rows,
+    and the number of rays.
 
-    gather     gives, for some rows and a span of their rays, estimates (k, len(rows), 3) in the order of their strata, and rays traced
+    gather     for some rows and a span of rays, returns estimates (k, len(rows), 3) in the order of their strata, and the number of rays
     base_rgb   (n, 3) float64, W/m^2: other light; the tolerance is relative to the sum
     learn      called after the first span, with the rows that continue
     foreseen   two (n,) float64: predicted mean and variance of a ray, from independent pilot rays. With it the stopping rule uses the
                predicted variance and the block's sample variance, not the texel's, which is 0 if all of its rays miss
-    gain       takes the rays so far (n,) and gives the factor by which the variance is less than successive differences estimate, for
+    gain       takes the number of rays so far (n,) and returns the factor by which successive differences overestimate the variance, for
                rays stratified in two dimensions; default 1
     """
     count, n_ray = len(base_rgb), 0
@@ -230,7 +231,7 @@ def gather_until_sure(
 
 
 def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
-    """Order of emitters: by the signed axis nearest to the normal, then along a Morton curve."""
+    """Order of emitters by the signed axis nearest to the normal, then along a Morton curve."""
     place = (np.clip(centre + 0.5, 0, 1) * 1023).astype(np.int64)
     code = np.zeros(len(place), np.int64)
     for bit in range(10):
