@@ -112,6 +112,7 @@ def test_removing_after_a_part_leaves_no_trace(maps):
 
 
 def test_refine_goes_on_with_the_objects_of_the_last_bake(maps):
+    bpy.context.scene.leaflight.gather = False
     bake("Cube")
     floor = look("Floor")
     bpy.context.scene.leaflight.objects = "ALL"
