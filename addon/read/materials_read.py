@@ -122,6 +122,7 @@ class MaterialTable:
                 coat=surface.gloss.coat,
                 coat_roughness=surface.gloss.coat_roughness,
                 coat_ior=surface.gloss.coat_ior,
+                coat_tint_rgb=surface.gloss.coat_tint_rgb,
                 glass_rgb=_clip_negative(surface.glass.rgb),
                 glass_image=surface.glass.image,
                 glass_mirror_rgb=_clip_negative(surface.bending.mirror_rgb),

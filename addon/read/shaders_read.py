@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.scene.gloss import EDGE_COSINE, average_fresnel, reflect_conductor, reflect_schlick
+from ...core.scene.gloss import EDGE_COSINE, average_fresnel, find_mean_path, reflect_conductor, reflect_schlick, tint_by_coat
 from ...core.scene.sheen import average_sheen
 from ...core.util.arrays import FloatArray
 from ..nodes.colors_read import ColorReader
@@ -33,6 +33,7 @@ class GlossNumbers:
     coat: float = 0.0
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
+    coat_tint_rgb: Rgb = WHITE
     edge_rgb: Rgb = WHITE
     flat: bool = False
     sheen_rgb: Rgb = BLACK
@@ -55,7 +56,7 @@ class GlossNumbers:
         fluffy = self if sum(self.sheen_rgb) >= sum(other.sheen_rgb) else other
         main = replace(main, sheen_rgb=add_rgb(self.sheen_rgb, other.sheen_rgb), sheen_roughness=fluffy.sheen_roughness)
         coated = self if self.coat >= other.coat else other
-        main = replace(main, coat_roughness=coated.coat_roughness, coat_ior=coated.coat_ior)
+        main = replace(main, coat_roughness=coated.coat_roughness, coat_ior=coated.coat_ior, coat_tint_rgb=coated.coat_tint_rgb)
         return replace(main, metal=metal, layer=layer, diffuse=diffuse, coat=coat)
 
 
@@ -165,12 +166,10 @@ def _add_coat(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -
         return surface
     ior = max(reader.read_number(port.sibling("Coat IOR"), 1.5), 1.0 + 1e-4)
     roughness = min(max(reader.read_number(port.sibling("Coat Roughness"), 0.03), 0.0), 1.0)
-    tint = read_input_color(reader, port, "Coat Tint").mean
-    path = 2.0 * ior**2 * (1.0 - math.sqrt(1.0 - 1.0 / ior**2))  # mean of 1 / cos inside, for even light from all directions
-    red, green, blue = (1.0 - coat + coat * max(channel, 0.0) ** path for channel in tint)
-    below = _dim(reader, port, surface, (red, green, blue))
+    tint = _clip(read_input_color(reader, port, "Coat Tint").mean)
+    below = _dim(reader, port, surface, to_rgb(tint_by_coat(np.array(tint), coat, find_mean_path(ior))))
     emission = below.emission.times(1.0 - coat * average_fresnel(ior))
-    gloss = replace(below.gloss, coat=coat * alpha.mean[0], coat_roughness=roughness, coat_ior=ior)
+    gloss = replace(below.gloss, coat=coat * alpha.mean[0], coat_roughness=roughness, coat_ior=ior, coat_tint_rgb=tint)
     return replace(below, emission=emission, gloss=gloss)
 
 

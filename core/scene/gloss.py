@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,7 @@ class Coat:
     mean                (n_row,) float32: mean Fresnel reflectance
     lost                (n_row * _ENTRIES,) float32: as in Gloss
     albedo              likewise: albedo of the coat times its share of the surface
+    tint                (3, n_row) float32: as in Material; None if all are white
     """
 
     alpha: Float32
@@ -58,6 +60,7 @@ class Coat:
     mean: Float32
     lost: Float32
     albedo: Float32
+    tint: Float32 | None
 
     @classmethod
     def of(cls, rows: Sequence[Material]) -> Coat | None:
@@ -71,7 +74,8 @@ class Coat:
         lost, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in (0, 3))
         mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
         albedo *= np.repeat(share, _ENTRIES) * (1 + np.repeat(mean, _ENTRIES) * lost)
-        return cls(alpha, ior, share, mean, lost, albedo)
+        tint = np.clip(np.array([one.coat_tint_rgb for one in rows], np.float32).T, 0, 1)
+        return cls(alpha, ior, share, mean, lost, albedo, None if (tint == 1).all() else tint)
 
 
 @dataclass(frozen=True)
@@ -293,6 +297,16 @@ class Gloss:
         """(n,): transmittance of the coat above glass at a view cosine (n,) with the normal; None if nothing has a coat."""
         return None if self.coat is None else 1 - _look_up(self.coat.albedo, *_find_place(self.find_rows(tri, u, v), cosine))
 
+    def tint_below_coat(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32 | None:
+        """(3, n): factor by which a coat's tint, seen at a cosine (n,), colours glass more or less than on its mean path; None for none."""
+        if self.coat is None or self.coat.tint is None:
+            return None
+        row = self.find_rows(tri, u, v)
+        tint, share, ior = gather(self.coat.tint, row), gather(self.coat.share, row), np.maximum(gather(self.coat.ior, row), 1 + _HAIR)
+        path = 1 / np.sqrt(1 - (1 - np.minimum(cosine, 1) ** 2) / ior**2)
+        factor: Float32 = tint_by_coat(tint, share, path) / np.maximum(tint_by_coat(tint, share, find_mean_path(ior)), _HAIR)
+        return factor
+
     def reflect(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool = False
     ) -> tuple[Float32, Float32]:
@@ -377,6 +391,17 @@ class Gloss:
         rgb = rgb * mask(local[2], out[2], alpha)
         turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
         return turned.astype(np.float32), rgb.astype(np.float32)
+
+
+def find_mean_path(ior: Any) -> Any:
+    """Mean length of ways through a coat of thickness 1, for even light from all directions; ior a number or an array."""
+    return 2 * ior**2 * (1 - np.sqrt(1 - 1 / ior**2))
+
+
+def tint_by_coat(tint: FloatArray, share: Any, path: Any) -> FloatArray:
+    """(3, ...): what a coat's tint (3, ...) leaves of light on a way of some length through it, where it covers a share of the surface."""
+    out: FloatArray = 1 - share + share * tint**path
+    return out
 
 
 def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatArray) -> FloatArray:

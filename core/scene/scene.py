@@ -89,6 +89,7 @@ class Material:
     coat: float = 0.0  # share of the surface that has a clear coat above everything else
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
+    coat_tint_rgb: Rgb = (1.0, 1.0, 1.0)  # of a path of length 1; colours below hold that of the mean path already
     sheen_rgb: tuple[float, float, float] = (
         0.0,
         0.0,

@@ -16,7 +16,7 @@ from ..util.files import write_arrays
 from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 9
+FORMAT_VERSION = 10
 _HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (

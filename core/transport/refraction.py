@@ -117,8 +117,12 @@ def _bend(
             bent.put(wrong, glass.bend(*own))
     bent.weight[:, (np.einsum("kn,kn->n", bent.direction, face) > 0) == bent.crossed] = 0
     seen = bent.direction if of_light else direction
-    below = None if scene.gloss is None else scene.gloss.below_coat(tri, u, v, np.abs(np.einsum("kn,kn->n", seen, normal)))
-    if below is not None:
+    cosine_seen = np.zeros(0, np.float32) if scene.gloss is None else np.abs(np.einsum("kn,kn->n", seen, normal))
+    below = None if scene.gloss is None else scene.gloss.below_coat(tri, u, v, cosine_seen)
+    if below is not None and scene.gloss is not None:
         # By roulette: the coat reflects photons of its own, so with weights instead their number would grow within the glass.
         bent.weight[:, below <= rng.random(len(below), dtype=np.float32)] = 0
+        tint = scene.gloss.tint_below_coat(tri, u, v, cosine_seen)
+        if tint is not None:
+            np.multiply(bent.weight, tint, out=bent.weight)
     return bent, face * np.where(bent.crossed, np.float32(-1), np.float32(1))

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
+from floors import lit_scene, trace_first
 from leaflight.core.scene.gloss import (
     EDGE_COSINE,
     LEAST_ALPHA,
     Gloss,
+    find_mean_path,
     fresnel,
     mask,
     reflect_conductor,
@@ -137,6 +139,19 @@ def test_a_coat_leaves_glass_what_it_does_not_reflect(roughness):
     assert left == pytest.approx(1 - gloss.albedo_at(tri, where, where, cosines)[0], abs=1e-5)
     assert 0.7 > 1 - left[0] > 1 - left[2] > 0.02
     assert make_gloss(Material("Shiny", layer=1.0)).below_coat(tri, where, where, cosines) is None
+
+
+def test_a_tinted_coat_colours_glass_by_the_way_through_it():
+    """A sun straight above a pane, whose colours hold the tint of a mean way."""
+    mean = find_mean_path(1.5)
+    assert mean == pytest.approx(np.mean(1 / np.sqrt(1 - np.linspace(0, 1, 10_001) / 1.5**2)), rel=1e-4)  # of even light
+    tint, rough = (0.5, 0.8, 1.0), {"glass_mirror_rgb": (1.0,) * 3, "coat": 1.0, "coat_roughness": 0.0}
+    pane = Material("Pane", (0.0,) * 3, glass_rgb=tuple(one**mean for one in tint), coat_tint_rgb=tint, **rough)
+    scene = replace(lit_scene([], [Light("SUN", "Sun", power_rgb=(1.0,) * 3)]), materials=(pane, pane))
+    refracted = trace_first(scene, 20_000)[0].audit.refracted
+    assert refracted / refracted[2] == pytest.approx(tint, rel=1e-3)
+    slanted = make_gloss(pane).tint_below_coat(np.zeros(1, np.intp), np.zeros(1), np.zeros(1), np.float32([0.6]))
+    assert slanted[:, 0] * np.array(tint) ** mean == pytest.approx(np.array(tint) ** (1 / np.sqrt(1 - 0.64 / 2.25)), rel=1e-4)
 
 
 def test_a_black_tint_leaves_a_layer_its_edges_alone():

@@ -360,6 +360,13 @@ SCENES: dict[str, Callable[[], None]] = {
 _WORDS = "mirror", "metal,", "metal by", "metal mixed", "half metal", "Metallic", "Glossy", "roughness 0.1", "glass", "Refraction"
 CAUSTICS = {name for name in SCENES if any(word in name for word in _WORDS) and not any(word in name for word in ("sky", "shadow"))}
 # Samples of these, as a multiple of the others'.
-NOISY = {"glass ball, area lamp": 32, "Refraction BSDF": 32, "lampshade": 32}
+NOISY = {
+    "glass ball, area lamp": 32,
+    "Refraction BSDF": 32,
+    "lampshade": 32,
+    "lamp unseen by diffuse rays": 16,
+    "coated glass pane": 16,
+    "tinted coat over glass": 16,
+}
 # Light comes by shadow rays in place of refraction.
 WITHOUT_CAUSTICS = ("glass that shadow rays pass",)

@@ -118,6 +118,16 @@ def _glow_by_ray(name: str) -> Callable[[Scene], Callable[[Any], Any]]:
     return lambda s: s.mix(s.light_path(name), s.node("Emission", Strength=2.0), s.node("Emission", Strength=6.0))
 
 
+def _unsampled(build: Callable[[], None]) -> Callable[[], None]:
+    """Cycles sends no rays toward what glows: they carry no kind, and would see another light than diffuse rays do."""
+
+    def change() -> None:
+        build()
+        bpy.data.materials["Card"].cycles.emission_sampling = "NONE"
+
+    return change
+
+
 SCENES: dict[str, Callable[[], None]] = {
     "unseen by glossy rays": _glow_beside_metal(lambda s: s.node("Emission", Strength=6.0), visible_glossy=False),
     "unseen by transmission rays": _card_over_glass(lambda s: s.node("Emission", Strength=6.0), visible_transmission=False),
@@ -136,6 +146,6 @@ SCENES: dict[str, Callable[[], None]] = {
     "Is Glossy Ray": _glow_beside_metal(_by_ray("Is Glossy Ray")),
     "Is Transmission Ray": _card_over_glass(_by_ray("Is Transmission Ray")),
     "glow by Is Camera Ray": _card(_glow_by_ray("Is Camera Ray")),
-    "glow by Is Diffuse Ray": _card(_glow_by_ray("Is Diffuse Ray")),
+    "glow by Is Diffuse Ray": _unsampled(_card(_glow_by_ray("Is Diffuse Ray"))),
     "glow by Ray Depth": _card(_glow_by_ray("Ray Depth")),
 }

@@ -449,6 +449,7 @@ def test_a_coat_lies_above_all_else():
     reading, _, warning = tree.show(coated).read()
     material = reading.material
     assert (material.coat, material.coat_roughness, material.coat_ior) == pytest.approx((0.5, 0.2, 1.6))
+    assert material.coat_tint_rgb == pytest.approx(tint)
     assert 0.3 + 0.3 * 0.5**1.3 < material.albedo_rgb[0] < 0.3 + 0.3 * 0.5  # the way through the coat is slanted
     assert material.albedo_rgb[1:] == pytest.approx((0.6, 0.6))
     assert warning == ""
