@@ -1,4 +1,4 @@
-"""Direct irradiance of texels, by lights that are looked at one by one, and by crowds of them that are sampled."""
+"""Direct irradiance of texels: from lights that are sampled one by one, and from crowds of lights of which a few are chosen at random."""
 
 from __future__ import annotations
 
@@ -34,27 +34,29 @@ from ..util.geometry import UnitBox
 from .direct_tiles import look_from_tiles
 from .visibility_estimator import Tally
 
-_MOST_TRIANGLE_SOURCES = 12  # emitting triangles that are looked at one by one
-_FEW_LAMPS = 16  # lamps that every texel looks at one by one
-_COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  # of DirectLight
+_MOST_TRIANGLE_SOURCES = 12  # up to so many emitting triangles are sampled one by one
+_FEW_LAMPS = 16  # up to so many lamps are sampled one by one
+_COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  # DirectLight.counters
 
 
 @dataclass(frozen=True)
 class DirectScene:
-    """A scene made ready for direct light.
+    """A scene prepared for direct light.
 
-    sky_rays   meet what hides an even sky: Cycles finds that by diffuse rays, not by shadow rays
+    sky_rays   rays that find what hides a uniform sky; in Cycles these are diffuse rays, not shadow rays
+    sources    one light each
+    linked     those of the sources and pools that have light linking
     """
 
     rays: ShadowRays
     sky_rays: ShadowRays
     surfaces: ReceivingSurfaces
-    sources: tuple[Source, ...]  # of one light each
+    sources: tuple[Source, ...]
     crowd: LampCrowd | None
     pools: tuple[EmitterPool, ...]
     tri_two_sided: NDArray[np.bool_]
     environment: EnvironmentTable | None = None
-    linked: tuple[_LinkedSource, ...] = ()  # some of the sources
+    linked: tuple[_LinkedSource, ...] = ()
 
     @classmethod
     def of(
@@ -87,19 +89,19 @@ class DirectScene:
         return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pools, two_sided[snapshot.tri_object], table, linked)
 
     def rays_to(self, source: object) -> ShadowRays:
-        """Those that find what hides a source."""
+        """The rays that find what hides a source."""
         own = next((one.rays for one in self.linked if one.source is source), self.rays)
         return self.sky_rays if isinstance(source, (WorldSource, Openings)) else own
 
     def find_unlit(self, source: object, tri: IntArray) -> NDArray[np.bool_] | None:
-        """(n,) bool: which triangles (n,) a source does not light whatever stands between; None where it lights all."""
+        """(n,) bool: triangles (n,) that light linking excludes from a source; None where it lights all."""
         own = next((one.tri_lit for one in self.linked if one.source is source), None)
         return None if own is None else ~own[tri]
 
 
 @dataclass(frozen=True)
 class _LinkedSource:
-    """A lamp of LightLinks, or glowing meshes, with the shadow rays that find what hides it, and the triangles (n_tri,) that it lights."""
+    """A lamp or emitting meshes with light linking, the shadow rays that find what hides them, and the triangles (n_tri,) they light."""
 
     source: Source | EmitterPool
     rays: ShadowRays
@@ -116,7 +118,7 @@ def _link_sources(
     glows: Sequence[EmittingCells],
     tri_sealed: NDArray[np.bool_],
 ) -> Iterator[_LinkedSource]:
-    """Those that diffuse surfaces see; meshes are in `glows`."""
+    """Sources with light linking that diffuse surfaces see; `glows` are the emitting meshes among them."""
     for row in np.flatnonzero(links.seen_rgb[DIFFUSE].any(axis=0)):
         lights = [light for light, own in zip(snapshot.lights, links.of_light, strict=True) if own == row]
         blocks, own_rays = links.blocks[row], rays
@@ -134,13 +136,13 @@ def _link_sources(
 class DirectLight:
     """Direct light of texels.
 
-    irradiance_rgb   (n, 3) float64, as shards send it float32, W/m^2   on the front, and the back too where the object is two-sided
-    variance_rgb     the same, (W/m^2)^2, of the estimates
-    counters         rays; pairs (texel, light) looked at, out_of_reach behind the horizon or beyond a cone, settled by the first rays,
-                     shared with all of a tile;
-                     sampled, pairs of lamps that gave little and were sampled together
-    by_quads         (n,) bool, texels estimated for a quad at once; () for none
-    by_openings      (n,) bool, texels that sampled the sky through openings; () for none
+    irradiance_rgb   (n, 3) float64, W/m^2, float32 as shards send it: light on the front, and on the back of a two-sided object
+    variance_rgb     the same shape, (W/m^2)^2: variance of the estimates
+    counters         rays: traced; pairs: of texel and light sampled one by one; of these, out_of_reach: behind the horizon or beyond a
+                     cone, settled: by the first rays, shared: by the rays of a tile or a leader; sampled: pairs with lamps that give
+                     little, of which a few are chosen at random
+    by_quads         (n,) bool: texels estimated for a whole quad; () for none
+    by_openings      (n,) bool: texels that sampled the sky through openings; () for none
     """
 
     irradiance_rgb: FloatArray
@@ -150,7 +152,7 @@ class DirectLight:
     by_openings: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
 
     def count(self, counters: dict[str, int], **others: int) -> None:
-        """Adds up what was counted in parts."""
+        """Add the counters of a part."""
         for name, count in (counters | others).items():
             self.counters[name] = self.counters.get(name, 0) + count
 
@@ -169,14 +171,14 @@ def direct_irradiance(
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
-    look_at      TexelMap.look_at, or its like
-    texel        (n,) int     as look_at knows them; neighbours in space should be neighbours here (Morton order)
+    look_at      TexelMap.look_at, or a function like it
+    texel        (n,) int: arguments of look_at; neighbours in space should be neighbours here (Morton order)
     tolerance    standard error, relative to the texel's light, at which a light gets no more rays
     max_rays     per texel and light: 4, 16 or 64
-    tiles        among the texels, which then share their first looks at lights
-    crossed      (n,) bool: texels whose footprint reaches past the foot of an object on them, and differs from their neighbours'
-    beside       (n,) float32, W/m^2: other light of the texels, of ReferenceLevel; None is none
-    dark         W/m^2: of Demand
+    tiles        tiles of the texels, which then share their first samples of lights
+    crossed      (n,) bool: texels whose footprint reaches past the foot of an object on them, and so differs from their neighbours'
+    beside       (n,) float32, W/m^2: other light of the texels, from ReferenceLevel; None for none
+    dark         W/m^2: Demand.dark
     """
     irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
     out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
@@ -206,33 +208,34 @@ def direct_irradiance(
 
 
 class _LookingChunk:
-    """A chunk of texels that looks at the lights of a scene.
+    """Direct light of one chunk of texels, while it is computed.
 
-    beside     (n,) float32, W/m^2: other light of its texels
-    counters   of DirectLight
-    openings   by which some of them see a uniform sky
-    sky        the light of an environment, once it is looked at
+    beside     (n,) float32, W/m^2: other light of the texels
+    counters   DirectLight.counters
+    openings   openings through which some texels see a uniform sky
+    sky        the light of an environment, once it is sampled
     """
 
     def __init__(
         self, scene: DirectScene, chunk: TexelChunk, demand: Demand, beside: NDArray[np.float32], rng: np.random.Generator
     ) -> None:
         self._scene, self._chunk, self._demand, self._beside, self._rng = scene, chunk, demand, beside, rng
-        self._shared, self._variance = np.zeros((2, len(chunk), 3))  # of light settled by flat tiles, and then of all
+        # Light settled by flat tiles; and the variance, first of this light, in the end of all light.
+        self._shared, self._variance = np.zeros((2, len(chunk), 3))
         self._tallies: list[Tally] = []
         self.openings: list[Openings] = []
         self.sky: EnvironmentLight | None = None
         self.counters = dict.fromkeys(_COUNTERS, 0)
 
     def find_light(self) -> tuple[Float64, Float64]:
-        """Irradiance (n, 3), W/m^2, and its variance; once."""
+        """Irradiance (n, 3), W/m^2, and its variance; may be called once."""
         for source in self._scene.sources:
             self._look_first(source)
         for tally in self._tallies:
             leads = np.flatnonzero(tally.leads)
             bumped = self._chunk.have_bumps(tally.rows[leads])
             self._send(tally, leads[~bumped], STAGES[0], GAUSS_POINTS)
-            self._send(tally, leads[bumped], STAGES[0])  # a grid of points could meet what is regular in a normal map
+            self._send(tally, leads[bumped], STAGES[0])  # not from a grid of points, which could alias with a regular normal map
         rest = self._tell_lamps_apart()
         light = self._shared.copy()
         for tally in self._tallies:
@@ -260,13 +263,13 @@ class _LookingChunk:
         return found + self._shared, self._variance
 
     def _look_first(self, source: Source) -> None:
-        """Light settled by flat tiles, and an empty tally, or openings, for texels that sample the source themselves."""
+        """Add a source's light where flat tiles settle it, and prepare a tally, or openings, for texels that sample it themselves."""
         chunk, demand, rng = self._chunk, self._demand, self._rng
         look = look_from_tiles(self._scene.rays_to(source), chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
         unlit = self._scene.find_unlit(source, chunk.tri)
         unlit = np.zeros(len(chunk), bool) if unlit is None else unlit
         lit, off = (np.where(look.lit & ~unlit, values, 0.0) for values in (look.closed, look.off))
-        for channel, power in enumerate(source.rgb[0]):  # several times faster than rows of three
+        for channel, power in enumerate(source.rgb[0]):  # several times faster than (n, 3) at once
             self._shared[:, channel] += lit * power
             self._variance[:, channel] += (off * power) ** 2
         without = look.closed == 0
@@ -290,7 +293,7 @@ class _LookingChunk:
         self.counters["shared"] += int(agreed.sum()) + int((leads != every).sum())
 
     def _tell_lamps_apart(self) -> RestOfCrowd | None:
-        """Tallies of lamps of a crowd that give much; the others, to be sampled."""
+        """Sample the lamps of a crowd that give much one by one; returns the rest, of which a few are chosen at random."""
         if self._scene.crowd is None:
             return None
         chunk = self._chunk
@@ -313,6 +316,6 @@ class _LookingChunk:
                 self._send(tally, rows, stage)
 
     def _send(self, tally: Tally, rows: NDArray[np.int64], stage: Span, points: FloatArray | None = None) -> None:
-        """A stage's rays from some of a tally's texels (m,), ascending; points as Tally.add has them."""
+        """Trace a stage's rays of a tally's pairs (m,), ascending; points as in Tally.add."""
         for piece in row_pieces(rows, stage[1] - stage[0]):
             self.counters["rays"] += tally.add(self._scene.rays_to(tally.source), self._chunk, piece, stage, points)

@@ -1,4 +1,4 @@
-"""Direct light by shadow rays at all texels, sampled in shards, and again where it dominates the error."""
+"""Direct light by shadow rays at all texels, sampled in shards, and sampled again where it dominates the error."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from .direct import DirectLight
 from .direct_shards import NOTHING_AHEAD, ShotAhead
 from .reference_level import ReferenceLevel
 
-_BLOCK = 64  # texels in a row, neighbours, that share their error below openings
+_BLOCK = 64  # successive texel entries, which are neighbours, that share their error below openings
 
 
 def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
-    """(m,): for each of some texel entries (m,) the mean of those values in its block."""
+    """(m,): for each texel entry of `rows` (m,), the mean of the values (m,) in its block."""
     block = rows // _BLOCK
     out: NDArray[np.float64] = (np.bincount(block, values) / np.maximum(np.bincount(block), 1))[block]
     return out
@@ -42,16 +42,16 @@ class DirectField:
     """Direct irradiance by shadow rays at every texel entry; zeros when photons carry it. Estimates are added in place.
 
     irradiance   (n, 3) float32, W/m^2
-    variance     (n, 3) float32, (W/m^2)^2: from the samples of single estimates
+    variance     (n, 3) float32, (W/m^2)^2: variance of that mean, from the samples within each estimate
     passes       (n,) int16: number of estimates in each texel's mean
-    counters     of direct.direct_irradiance, summed; empty when photons carry it
-    turns        shots so far, each with random numbers of its own
-    by_quads     (n,) bool: estimated for a quad at once, whose texels have the same error
-    by_openings  (n,) bool: sampled the sky through openings, in any of the estimates
+    counters     DirectLight.counters, summed; empty when photons carry direct light
+    turns        number of shots so far; each has random numbers of its own
+    by_quads     (n,) bool: the last estimate was made for a whole quad, whose texels have the same error
+    by_openings  (n,) bool: at least one estimate sampled the sky through openings
     """
 
     said: ClassVar = Status("direct", "Direct light")  # progress message
-    most_passes: ClassVar = 64  # of a texel
+    most_passes: ClassVar = 64  # per texel
 
     irradiance: NDArray[np.float32]
     variance: NDArray[np.float32]
@@ -67,18 +67,18 @@ class DirectField:
         if not len(self.by_openings):
             self.by_openings = np.zeros(len(self.passes), bool)
         self._grain = GRAIN  # least relative noise that is filtered
-        self._smoothed: FilteredField | None = None  # of the last shot, computed on demand
-        self._smoothing: Callable[[], FilteredField] | None = None  # the same in progress
+        self._smoothed: FilteredField | None = None  # filtered light after the last shot, computed on demand
+        self._smoothing: Callable[[], FilteredField] | None = None  # waits for that while it is being computed
 
     @classmethod
     def none(cls, n_texel: int) -> DirectField:
         return cls(np.zeros((n_texel, 3), np.float32), np.zeros((n_texel, 3), np.float32), np.zeros(n_texel, np.int16))
 
     def share_error(self, error2: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Squared errors (n,) float32 of all texel entries for choosing those to sample again: block means below openings.
+        """(n,) float32: squared errors by which to choose texels to sample again: `error2` (n,), with block means below openings.
 
-        With rare bright samples stopping by each texel's own error is biased: a texel stops when it is dark by chance, and of equal texels
-        those with a bright sample seem to err most. Measured: 1 % of the light below a skylight is lost.
+        Where bright samples are rare, stopping by each texel's own error is biased: a texel stops when it is dark by chance, and among
+        equal texels those with a bright sample seem to have the largest error. Measured: 1 % of the light below a skylight is lost.
         """
         rows = np.flatnonzero(self.by_openings)
         if not len(rows):
@@ -88,11 +88,11 @@ class DirectField:
         return out
 
     def ask_for(self, error: float) -> None:
-        """Set the least noise that is filtered from the requested relative error."""
+        """Derive the least noise that is filtered from the requested relative error."""
         self._grain = find_grain(error)
 
     def show(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> FilteredField:
-        """The light as it is shown, filtered or not."""
+        """The light as pages show it; filtered if `smooth`."""
         if not smooth:
             return FilteredField.plain(self.irradiance, self.variance)
         if self._smoothed is None:
@@ -101,7 +101,7 @@ class DirectField:
         return self._smoothed
 
     def begin_show(self, texels: TexelMap, smooth: bool, spread: Spread) -> None:
-        """Start what `show` will need on idle processes; same arguments."""
+        """Start the filter on idle processes; `show` with the same arguments waits for it."""
         if smooth and self._smoothed is None and self._smoothing is None:
             self._smoothing = self._begin_smoothing(texels, spread)
 
@@ -110,9 +110,9 @@ class DirectField:
         return FilteredField.begin_smoothing(self.irradiance, self.variance, texels, spread, by_quads, self._grain)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
-        """ShownDirect.irradiance of `show`, for its last use: other results of the filter are dropped.
+        """(n, 3) float32: irradiance of `show`, for its last use: other results of the filter are dropped.
 
-        in_place   write into this field's own irradiance, whose unfiltered values are no longer needed
+        in_place   overwrite this field's own irradiance, whose unfiltered values are no longer needed
         """
         shown, self._smoothed = self.show(texels, smooth, spread), None
         if not in_place:
@@ -131,12 +131,12 @@ class DirectField:
         other: ReferenceLevel | None = None,
         ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
-        """Add one more estimate of the texels (m,), ascending; each shows the mean of all of its estimates.
+        """Add one more estimate at the texels (m,), ascending; each texel holds the mean of all of its estimates.
 
         should_stop   called after every shard
-        other         light shown beside it; None where there is none, or direct light is a pass of its own
-        ahead         shards of a first shot of all texels that are under way already
-        Returns False when it was stopped: texels with an earlier estimate return to it, and the bake goes on as if nothing had happened.
+        other         level of the light that is added to direct light; None where there is none, or direct light is a pass of its own
+        ahead         shards of a first shot at all texels that were sent already
+        Returns False if it was stopped. Texels that had estimates before then return to them, so that the bake can go on as before.
         """
         self.ask_for(settings.error)
         shard = direct_shards.ask_for_direct(folder, settings, self.turns, texels)
@@ -151,14 +151,14 @@ class DirectField:
         return is_done
 
     def _find_brightness(self, shard: texel_shards.DirectShard, other: ReferenceLevel | None) -> float:
-        """W/m^2, mean of all texels; 0 where no sky needs it."""
+        """Mean light of all texels, W/m^2; 0 without a sky, whose sampling alone uses it."""
         if not direct_shards.is_below_sky(shard.tracing):
             return 0.0
         found = float(self.irradiance.mean(dtype=np.float64)) if self.passes.any() else direct_shards.glance(shard)
         return found + (float(other.level.mean(dtype=np.float64)) if other else 0.0)
 
     def _keep(self, rows: IntArray | slice) -> DirectField:
-        """A copy of some texels' estimates, and of the totals."""
+        """Copy the estimates at texels `rows`, and the totals."""
         own = self.irradiance[rows].copy(), self.variance[rows].copy(), self.passes[rows].copy()
         return DirectField(*own, dict(self.counters), self.turns, self.by_quads[rows].copy(), self.by_openings[rows].copy())
 
@@ -176,7 +176,7 @@ class DirectField:
         should_stop: Callable[[], bool],
         ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
-        """As shoot; `find_light` returns DirectLight, or a type with its fields, for parts of the shard `whole`."""
+        """As shoot, for the texels of the shard `whole`; `find_light` turns each part of it into DirectLight, or a type with its fields."""
         self.turns += 1
         self._smoothed = self._smoothing = None
         texels = whole.texels
@@ -189,11 +189,11 @@ class DirectField:
             self._add(as_slice(shard.texels), light)
             for name, count in light.counters.items():
                 self.counters[name] = self.counters.get(name, 0) + count
-            words.say(self.said, 1 - shard.start / len(texels))  # after it is added, for the listener may read the light
+            words.say(self.said, 1 - shard.start / len(texels))  # once the shard is added, for the listener may read the light
         return True
 
     def _add(self, rows: IntArray | slice, light: DirectLight) -> None:
-        """Add one more estimate of some texels."""
+        """Add one more estimate at texels `rows`."""
         before = self.passes[rows, None].astype(np.float32)
         if before.any():
             self.irradiance[rows] = (self.irradiance[rows] * before + light.irradiance_rgb) / (before + 1)

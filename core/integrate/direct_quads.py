@@ -1,4 +1,4 @@
-"""Direct light sampled by quads of texels where that is as accurate; elsewhere texel by texel."""
+"""Direct light sampled once per quad of texels where that is as accurate; elsewhere texel by texel."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
 from .direct import DirectLight
 
-# Least side of a page, texels, for quads. Measured: direct light takes half the time there. At 1024^2 failed quads cost as much as others
-# save, and light changes so much from one quad to the next that errors grow.
+# Side of the smallest page, in texels, on which quads are used. Measured: direct light takes half the time there. At 1024^2 rejected quads
+# cost as much as accepted ones save, and light changes so much from one quad to the next that errors grow.
 _LEAST_PAGE = 2048
-_SIDE = 2.0  # texels: the footprint is the whole quad, or a row of quads could miss what is thinner than a texel
+_SIDE = 2.0  # texels: rays start on the whole quad, or a row of quads could miss an object thinner than a texel
 
 
 LookAt: TypeAlias = Callable[[IntArray], TexelLooks]
@@ -37,12 +37,12 @@ class FindLight(Protocol):
 
 
 def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray[np.bool_]) -> Quads:
-    """Candidates among texel entries (n,), ascending; tiles and crossed (n,) bool as of direct.direct_irradiance."""
+    """Find the quads to try among texel entries (n,), ascending; tiles and crossed (n,) bool as in direct.direct_irradiance."""
     if texels.page_size < _LEAST_PAGE or not uses("quads"):
         return Quads.none()
     rows = as_slice(entry)
     alone = crossed | texels.is_part[rows]
-    if len(texels.borders.crossed):  # a quad's footprint covers all of its texels, and reaches past the foot of objects near their middles
+    if len(texels.borders.crossed):  # a quad's footprint covers its texels whole, and so reaches past the foot of an object within them
         alone |= texels.borders.crossed[rows]
     return Quads.of(tiles, texels.texel_tri[rows], alone)
 
@@ -57,7 +57,7 @@ def light_by_quads(
     beside: NDArray[np.float32],
     quads: Quads,
 ) -> DirectLight:
-    """Direct light at texel entries (n,), in float32: by quads where they suffice. The other arguments as of direct.direct_irradiance."""
+    """Direct light at texel entries (n,), in float32: by quads where they are accurate. Other arguments as in direct.direct_irradiance."""
     irradiance, variance = np.empty((2, len(entry), 3), np.float32)
     out = DirectLight(irradiance, variance, {}, *np.zeros((2, len(entry)), bool))
     left = np.ones(len(entry), bool)
@@ -68,7 +68,7 @@ def light_by_quads(
         value, noise = found.irradiance_rgb.astype(np.float64), found.variance_rgb.astype(np.float64)
         misfit = np.stack([find_misfit(*of) for of in zip(value.T, noise.T, strict=True)], axis=1)
         level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
-        # Light through openings is mostly noise, which hides a misfit; and the filter leaves less noise of four times as many samples.
+        # Light through openings is mostly noise, which hides a misfit; and four times as many samples leave less noise after the filter.
         enough = (weigh_channels(misfit) <= (tolerance * level) ** 2) & ~found.by_openings.reshape(-1, TILE_TEXELS).any(axis=1)
         accepted, rows = np.repeat(enough, TILE_TEXELS), quads.texels(enough)
         irradiance[rows] = np.maximum(spread_over_texels(value[accepted]), 0.0)

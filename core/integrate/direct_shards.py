@@ -1,4 +1,4 @@
-"""Direct light in shards of texels, each sampled to a tolerance; the first shards are sent ahead."""
+"""How direct light is cut into shards of texels, the settings of a shard, and the first shards, which are sent ahead."""
 
 from __future__ import annotations
 
@@ -25,22 +25,24 @@ from .direct import DirectLight
 
 _Shard = TypeVar("_Shard", bound=texel_shards.TexelShard)
 
-# Texels of a shard on a small page, and on a large one. Shards of two thirds of the former take a seventh more time in numpy's calls; more
-# texels than the latter are not lit together, see direct_points.
+# Number of texels of a shard on a small page, and on a large one. Shards two thirds as large as the former take a seventh more time, in
+# numpy's calls; more texels than the latter are never sampled together, see direct_points.
 SHARD_TEXELS, _LARGEST_SHARD = 6 << 10, 1 << 15
 _SHARDS_ENOUGH = 32  # enough for an even load of the workers
-# Tolerance over the requested error: the filter averages the noise over neighbours, at less cost than more rays. 1.0 at a loose error, 5 %,
-# takes 5 to 10 % less time at 1024^2, but its blur among many lamps is not all stated: 4.4 for a real 5.0 % (furnished_room).
+# Tolerance of shadow rays over the requested error: the filter averages the noise over neighbours, which costs less than more rays. A value
+# of 1.0 takes 5 to 10 % less time at 1024^2 and a loose error of 5 %, but the filter's blur among many lamps is not stated in full: 4.4 %
+# stated for a true 5.0 % (furnished_room).
 TOLERANCE = 0.5
 _GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # texels and tolerance of the estimate of the mean brightness
-# One of so many shards is sent ahead, while trees are grown and the first photons read. The other light is not known yet, so that shadows
-# are sampled to a tolerance of direct light alone, which takes more rays (of `instances` at 256^2 6 % more in all): hence few shards, and
-# at most _MOST_AHEAD, for waiting for them ignores a stop.
+# One shard in _AHEAD is sent ahead, while trees are grown and the first photons are read. The other light is not known yet, so that shadows
+# are sampled to a tolerance relative to direct light alone, which takes more rays (`instances` at 256^2: 6 % more in all). Hence few
+# shards, and at most _MOST_AHEAD, because a stop request has no effect until they are done.
 _AHEAD, _MOST_AHEAD = 10, 3
 
 
 def cut_into_shards(count: int) -> list[int]:
-    """Where shards of so many texels begin, and where the last ends: equal sizes, and an even number for two workers where they are few.
+    """Where each shard of `count` texels begins, and where the last ends. Shards are equal; if they are few, their number is even, for two
+    workers.
 
     The cut does not depend on the number of workers, so that the same seed gives the same bytes.
     """
@@ -52,31 +54,31 @@ def cut_into_shards(count: int) -> list[int]:
 
 
 def list_shards(whole: _Shard) -> list[_Shard]:
-    """Shards of all texels in the order of sending. The last charts come first: they often hold many small objects, which take longest, and
-    the others then even out the load.
+    """Cut `whole` into shards, in the order of sending: the last charts first, because they often hold many small objects, which take
+    longest; the others then even out the load.
     """
     texels = whole.texels
     return [replace(whole, start=start, texels=texels[start:end]) for start, end in pairwise(cut_into_shards(len(texels)))][::-1]
 
 
 def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> texel_shards.DirectShard:
-    """A shard of these texels (m,), ascending, without other light as reference."""
+    """One shard of all of these texels (m,), ascending, without other light as reference."""
     return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error)
 
 
 def find_dark(settings: Settings, brightness: float) -> float:
-    """DirectShard.dark for a mean light of all texels, W/m^2."""
+    """DirectShard.dark, W/m^2, from the mean light of all texels, W/m^2."""
     return brightness * (DARK_FLOOR**2 if settings.error_of == "objects" else DARK_FLOOR)
 
 
 def is_below_sky(folder: str) -> bool:
-    """Whether there is a sky, the only light whose sampling uses the mean brightness."""
+    """Whether the scene has a sky, the only light whose sampling uses the mean brightness."""
     snapshot = traced_scene.open_tracing(folder).snapshot
     return uses("dark_level") and (bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None)
 
 
 def glance(shard: texel_shards.DirectShard) -> float:
-    """Mean direct light, W/m^2, from a few texels of the scene of `shard`, with its seed, before there is any light."""
+    """Mean direct light, W/m^2, estimated at a few texels, before any light is known; scene and seed are those of `shard`."""
     texels = traced_scene.open_tracing(shard.tracing).texels
     some = choose_sample(texels)
     few = some[:: max(len(some) // _GLANCE_TEXELS, 1)]
@@ -86,10 +88,10 @@ def glance(shard: texel_shards.DirectShard) -> float:
 
 @dataclass(frozen=True)
 class ShotAhead:
-    """The first shards of a shot of all texels, run by an idle process if there is one.
+    """The first shards of a shot at all texels, computed by an idle process if there is one.
 
     count   number of shards; independent of the number of workers, so that the same seed gives the same bytes
-    wait    returns their light; runs them here where no process has begun them
+    wait    returns the light of each shard; computes them in this process if no other has begun them
     """
 
     count: int = 0
@@ -97,7 +99,7 @@ class ShotAhead:
 
     @classmethod
     def send(cls, folder: Path, settings: Settings, executor: Executor, n_texel: int) -> ShotAhead:
-        """Arguments as of DirectField.shoot."""
+        """Send the shards; arguments as in DirectField.shoot."""
         if not uses("rays_ahead"):
             return cls()
         shards = list_shards(ask_for_direct(folder, settings, 0, range(n_texel)))

@@ -1,8 +1,8 @@
-"""First look at a light from tiles of texels: a shared closed form, and one shadow ray each where all of them agree.
+"""First samples of a light by tiles of texels: an interpolated closed form, and one shadow ray per texel where all of these agree.
 
 A tile is a square of covered texels on one triangle. Far from a light its unoccluded irradiance is so smooth over a tile that cubic
-interpolation from a few points suffices. A ray from each texel, to strata of the light shared by the tile, tests whether the light is seen
-from everywhere in the tile or from nowhere. The result counts only where adjacent tiles agree.
+interpolation from a few points suffices. One ray from each texel, to strata of the light that the tile's texels divide among them, tests
+whether the light is visible from everywhere in the tile or from nowhere. The result counts only where adjacent tiles agree.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE
 from ..util.arrays import Float32, Float64
 
 _CHECKS = ((2, 1), (5, 2), (1, 5), (6, 6))  # texels x, y where the interpolation is compared with the closed form
-_CLOSED_ERROR = 2e-3  # its relative tolerance there
-_STRATA = 16  # texels of a quarter of a tile, whose rays are a stratified sample of the light by themselves
+_CLOSED_ERROR = 2e-3  # relative tolerance of the interpolation there
+_STRATA = 16  # texels in a quarter of a tile; the rays of each quarter are a stratified sample of the whole light
 
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class FirstLook:
-    """Results of the tiles for one light at the texels of a chunk.
+    """What the tiles found about one light at the texels of a chunk.
 
     closed   (n,) float64   unoccluded irradiance for rgb = 1; nan where no tile interpolates it
-    off      (n,) float64   its standard error
-    lit      (n,) bool      all of the light is seen
-    leader   (n,) int64     texel whose rays stand for this one too, where a tile saw nothing of a light with an extent; else its own row
-    dark     (n,) bool      none of a light without extent is seen
+    off      (n,) float64   standard error of `closed`
+    lit      (n,) bool      the light is visible as a whole
+    leader   (n,) int64     row of the texel whose rays also count for this one, where a tile sees nothing of a light with an extent; else
+                            the texel's own row
+    dark     (n,) bool      the light has no extent and is hidden
     rays     number of rays traced
     looks    the rays
     """
@@ -51,10 +52,12 @@ class FirstLook:
 
 
 def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
-    """Sample a light by the tiles of a chunk; shift (m, 2) uint32 of each tile's places on the light.
+    """Sample a light by the tiles of a chunk.
 
-    A gap that few rays find may let through a little of a light with an extent: in a dark tile one random texel goes on sampling for all
-    of them, which is unbiased.
+    A small gap that the few rays missed may let through a little of a light with an extent: in a dark tile one random texel goes on
+    sampling for all of them, which is unbiased.
+
+    shift   (m, 2) uint32: random shift of each tile's points on the light
     """
     count = len(chunk)
     closed, lit, dark = np.full(count, np.nan), np.zeros(count, bool), np.zeros(count, bool)
@@ -78,27 +81,27 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
     unlit = none & ~tiles.near(asked & ~none)
     if source.is_sharp:
         dark[texels[unlit]] = True
-    else:  # the shift's low bits, which places on lights do not use
+    else:  # chosen by the low bits of the shift, which points on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
     return FirstLook(closed, off, lit, dark, leader, traced, Looks(*(np.concatenate(part) for part in zip(*looks, strict=True))))
 
 
 def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools | Float32, int]:
-    """(m,) bool whether all of a light is seen from a tile's receivers (m * 64), and whether none is; the share that each receiver sees;
-    and the number of rays traced.
+    """Trace the first rays of m tiles, from receivers (m * 64). Returns (m,) bool, whether the light is visible as a whole from all of a
+    tile; (m,) bool, whether it is hidden from all of it; the visibility at each receiver; and the number of rays traced.
     """
     aim = source.aim(receivers.position, receivers.normal, points)
     seen = receivers.see(rays, aim) if source.casts_shadow else Sight(np.ones(len(points), bool), None, 0)
-    # Texels at a cone's edge, at a horizon that cuts the light, and behind a face are sampled one by one.
+    # Texels at a cone's edge, texels whose horizon cuts the light, and texels that face away from it are sampled one by one.
     full = (seen.share == 1) & (aim.share > 0) & (aim.weight >= aim.share)
     none = (seen.share == 0) | (aim.weight <= 0)
     return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen.share, seen.rays
 
 
 def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:
-    """(m,) bool whether the closed form is smooth over a tile; where it is, (k, 64) float64 its values at the texels, and (k,) float64
-    their standard error.
+    """Interpolate the closed form over tiles. Returns (m,) bool, whether it is smooth over a tile; for the k tiles where it is, (k, 64)
+    float64, its values at the texels; and (k,) float64, their standard error.
     """
     if not len(tiles):
         return np.zeros(0, bool), np.zeros((0, TILE_TEXELS)), np.zeros(0)
@@ -113,13 +116,13 @@ def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[B
 
 
 def _find_off_elsewhere() -> float:
-    """Mean square of the interpolation error over a tile over that at the checks, from the remainder of a cubic along each axis."""
+    """Ratio of the mean squared interpolation error over a tile to that at the checks, from a cubic's remainder along each axis."""
     off2 = np.prod([np.arange(TILE_SIDE) - node for node in TILE_LINES], axis=0).astype(float) ** 2
     return float(2.0 * off2.mean() / off2[np.array(_CHECKS)].sum(axis=1).mean())
 
 
 def _tile_points() -> NDArray[np.uint32]:
-    """(64, 2) uint32: strata of the light for the texels of a tile, in a random order within each quarter of it."""
+    """(64, 2) uint32: the point on the light of each texel of a tile, one per stratum, in random order within each quarter of the tile."""
     points, random = base_points(TILE_TEXELS), Random(1)
     order = [i for first in range(0, TILE_TEXELS, _STRATA) for i in sorted(range(first, first + _STRATA), key=lambda _: random.random())]
     out = points[order]

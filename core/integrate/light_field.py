@@ -1,4 +1,4 @@
-"""The light of a bake, as solve or direct_only leave it for pages and previews."""
+"""The light that a bake has found, from solve or direct_only, for pages and previews."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ from .gathered import GatheredField
 class LightField:
     """The light of a bake, before it becomes pages.
 
-    solution       of the leaves and what is above them
+    solution       light of the leaves and of the nodes above them
     leaves         (m,) int64: the nodes to show
-    correction     (3,) float64, of the leaves' variance, see estimate
+    received       (n_node,) int64: number of photons received by each node
+    correction     (3,) float64: factors of the leaves' variance, from variance_estimate.noise_correction
+    direct         direct light by shadow rays
+    error          estimated relative error
     squares        tallies on texels at contacts; None without photons
-    neighbours     of the leaves, once computed
-    few            leaves shrunk towards their surroundings; None where none are
-    gathered       indirect light by rays from texels, where they met all that sends it; None where leaves hold all of it
-    object_error   of each object by its index, relative to its own brightness; without objects of too few sampled texels
+    gathered       indirect light by gather rays, at texels whose rays met all that sends it; None where leaves hold all indirect light
+    neighbours     neighbours of the leaves, once computed
+    few            leaves shrunk towards their surroundings; None if there are none
+    object_error   relative error of each object, by its index; objects with too few sampled texels are left out
     stopped_by     "error", "max_photons", "max_rays", "time_limit" or "interrupted"
     """
 

@@ -1,4 +1,4 @@
-"""Near-field quadrature of closed forms: the few points of a texel would miss the peak of a light nearer than a texel is wide."""
+"""Near-field quadrature of closed forms: the few points of a texel could miss the peak of a light nearer than a texel is wide."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from ..lights.direct_lights import AreaSource, PointSource, Source, TriangleSour
 from ..lights.direct_points import GAUSS_POINTS, Receivers, TexelChunk, row_pieces
 from ..util.arrays import Float32, Float64, IntArray
 
-_FAR = 14.0  # spans in radii of four points, from which on their mean serves: with light of inverse squares they then differ by half of it
-_GENTLE = 0.5  # range of a closed form inside a texel, of its mean, up to which four points give its mean
-_MOST_HALVINGS, _JUMP_HALVINGS = 12, 5  # of a side; the places of float32 are not much finer
-_SQUARES_AT_ONCE = 2**13  # about; what fits the cache
+# Four points suffice where the distance to a light is at least this many times the points' radius: with an inverse-square law their values
+# then differ by half of their mean.
+_FAR = 14.0
+_GENTLE = 0.5  # four points give the mean of a closed form whose range inside a texel, relative to that mean, is at most this
+_MOST_HALVINGS, _JUMP_HALVINGS = 12, 5  # halvings of a texel's side; float32 positions are not much finer
+_SQUARES_AT_ONCE = 2**13  # about as many as fit the cache
 
 
 def find_peaks(source: Source, receivers: Receivers, n_point: int) -> NDArray[np.bool_]:
-    """(n,) bool: where light changes by much between points of a texel.
+    """(n,) bool: whether light changes much between the points of a texel.
 
     source      one light, or one for each texel
-    receivers   n_point points of n texels, point by point
+    receivers   n_point points of n texels: the first point of every texel, then the second
     """
     middle, radius_squared = _enclose(receivers, n_point)
     out: NDArray[np.bool_] = _span_squared(source, middle) < _FAR**2 * radius_squared
@@ -27,7 +29,7 @@ def find_peaks(source: Source, receivers: Receivers, n_point: int) -> NDArray[np
 
 
 def _enclose(receivers: Receivers, n_point: int) -> tuple[Float32, Float32]:
-    """Middles (n, 3) of n_point points of n texels, and the square of how far they are from it (n,)."""
+    """Enclose the points of each of n texels in a sphere: its centre (n, 3) and squared radius (n,)."""
     place = receivers.position.reshape(n_point, -1, 3)
     middle: Float32 = place.mean(axis=0)
     radius_squared: Float32 = ((place - middle) ** 2).sum(axis=2).max(axis=0)
@@ -35,7 +37,7 @@ def _enclose(receivers: Receivers, n_point: int) -> tuple[Float32, Float32]:
 
 
 def _span_squared(source: Source, place: Float32) -> Float32:
-    """(n,) float32, unit box squared: how far one goes from places (n, 3) until light is much another."""
+    """(n,) float32, unit box squared: squared distance over which a light changes much at positions (n, 3); inf for a distant light."""
     if isinstance(source, PointSource):
         centre, size_squared = source.centre, source.radius**2
     elif isinstance(source, AreaSource):
@@ -50,10 +52,10 @@ def _span_squared(source: Source, place: Float32) -> Float32:
 
 
 def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texels: IntArray) -> tuple[Float64, Float64]:
-    """Mean of the closed form over each texel, and the variance of that (n,), by squares that are the smaller the nearer the light.
+    """Mean of the closed form over each texel (n,), and the variance of that mean (n,), by squares that are smaller near the light.
 
-    lamp     (n,) int: row of the source for each texel; None where it has one
-    texels   (n,) int: of the chunk
+    lamp     (n,) int: row of the source for each texel; None where the source is a single light
+    texels   (n,) int: rows of the chunk
     """
     mean, variance = np.zeros((2, len(texels)))
     pieces = row_pieces(np.arange(len(texels)), len(GAUSS_POINTS))
@@ -67,7 +69,7 @@ def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texe
         closed = lights.irradiance(receivers.position, receivers.normal).reshape(len(points), -1)
         middle, radius_squared = _enclose(receivers, len(points))
         flat = _span_squared(source if lamp is None else source.rows(lamp[own]), middle) >= _FAR**2 * radius_squared
-        # Squares that hold parts of two triangles that lie apart never become small.
+        # A square that spans two triangles with a gap between them never becomes small.
         flat |= (halvings >= _JUMP_HALVINGS) & (radius_squared > before / 2)
         flat |= halvings == _MOST_HALVINGS
         mean += np.bincount(own[flat], closed[:, flat].mean(axis=0) * side**2, len(mean))
@@ -80,13 +82,13 @@ def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texe
 
 
 def _cut_between_pairs(pair: IntArray) -> IntArray:
-    """Where to cut squares of pairs (n,), ascending, into pieces small enough to be looked at at once; those of a pair stay together."""
+    """Where to cut a list of squares into pieces that fit the cache; squares of a pair (n,), ascending, stay together."""
     end = np.flatnonzero(np.diff(pair)) + 1
     return end[np.diff((end - 1) // _SQUARES_AT_ONCE, append=(len(pair) - 1) // _SQUARES_AT_ONCE) > 0]
 
 
 def estimate_bend(closed: Float64) -> Float64:
-    """(n,) float64: how far the mean of values (4, n) at the Gauss points may be off: nothing where they lie in a gentle plane."""
+    """(n,) float64: possible error of the mean of values (4, n) at the Gauss points: 0 where the values lie in a plane of small slope."""
     twist = np.abs(closed[0] - closed[1] - closed[2] + closed[3]) / 4
     reach = closed.max(axis=0) - closed.min(axis=0)
     out: Float64 = np.where(reach > _GENTLE * closed.mean(axis=0), reach / 4, twist)

@@ -1,12 +1,12 @@
-"""The light at texels: the one place where it is read from what a bake has found.
+"""The light at texels, put together from the parts that a bake has found. No other module does this.
 
 A texel's light is direct + indirect. Direct light comes from shadow rays, or from photons where the bake sends no rays; light from lamps by
-mirrors and glass is direct too, and always comes from photons. Indirect light is that of the leaf of the quadtree which the texel lies on,
-or gathered light where rays were sent to gather it. Two levels of detail:
+mirrors and glass is direct too, and always comes from photons. Indirect light is that of the texel's leaf in the quadtree, or gathered
+light where gather rays were sent. Two levels of detail:
 
-    light_at_texels   all texels, with leaves blended, what is known at contacts, and grain filtered: what pages show
-    glance_at         some texels, each leaf's own function and rays as they were found: what a viewport shows while a bake runs, and what
-                      gather rays find on the surfaces that they meet
+    light_at_texels   all texels, with leaves blended, tallies at contacts mixed in, and grain filtered: what pages show
+    glance_at         some texels, with neither blending nor filters: what a viewport shows while a bake runs, and what gather rays find on
+                      the surfaces that they meet
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ..util.arrays import Float32, IntArray
 from ..util.threads import run_on_threads
 from .light_field import LightField
 
-_CHUNK = 1 << 16  # texel entries at a time: what lies between stays in the cache
+_CHUNK = 1 << 16  # texel entries at a time, so that intermediate arrays stay in the cache
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class TexelLight:
     """Light at the texel entries.
 
     direct, indirect   (n, 3) float32, W/m^2, never negative
-    stderr             (n, 3) float32, W/m^2, of their sum; None where it is not computed
-    leaf               (n,) int32, node of the tree
-    empty              light beside charts, direct and indirect, where seams need it
+    stderr             (n, 3) float32, W/m^2: standard error of their sum; None where it is not computed
+    leaf               (n,) int32: node of the tree that is each texel's leaf
+    empty              direct and indirect light of empty texels beside charts, where seams need it
     """
 
     direct: Float32
@@ -60,14 +60,14 @@ def light_at_texels(
 ) -> TexelLight:
     """Light at every texel, as pages show it.
 
-    stderr is the standard error before grain is filtered, computed where `doubt` asks for it.
+    doubt   compute the standard error too, as it is before grain is filtered
     spend   the field's direct light is no longer needed: the result may take its place in memory
     """
     by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
     leaf = node_of_texel(field.tree, field.leaves, len(texels))
     side = field.tree.side[leaf]
     variance = field.direct.variance if spend and not doubt else np.empty((len(texels), 3), np.float32)
-    # (1 or 2, n, 3): light straight from lamps, where photons carry any, and indirect light.
+    # (1 or 2, n, 3): direct light, where photons carry any, and indirect light.
     by_photons = _blend_leaves(field, texels, leaf, variance, threads)
     if field.few:
         field.few.show(by_photons[-1], variance, leaf)
@@ -83,7 +83,7 @@ def light_at_texels(
         is_grainy[entry] = False
         by_photons[-1, entry] = np.maximum(gathered.light.irradiance_at(entry), 0.0)
         variance[entry] = field.gathered.variance[entry] + gathered.doubt2[entry, None]
-    if smooth_grain and uses("leaf_filter"):  # apart from light by rays, which is known far better and would be blurred
+    if smooth_grain and uses("leaf_filter"):  # without light by rays, which is far more accurate and would be blurred
         found = denoise.denoise(by_photons, variance, is_grainy, texels, spread)
         by_photons[:, found.entry] = found.light
     noise = field.direct.variance if doubt else None
@@ -101,12 +101,12 @@ def light_at_texels(
 
 
 def glance_at(field: LightField, texels: TexelMap, entry: IntArray, rays_alone: bool = False) -> Float32:
-    """(2, m, 3) float32, W/m^2: direct and indirect light at texel entries (m,), quick to read and unfiltered; never negative.
+    """(2, m, 3) float32, W/m^2: direct and indirect light at texel entries (m,), unfiltered and quick to compute; never negative.
 
     The flux of a leaf is preserved over its texels in `entry`, see clip_light.
 
-    rays_alone   what rays found replaces the photons' direct light where rays were sent, for photons brought the same light; otherwise
-                 theirs is light by mirrors and glass, which comes on top
+    rays_alone   where shadow rays were sent, leave out the photons' direct light, because photons carried the same light; otherwise
+                 theirs is light by mirrors and glass, and is added
     """
     tree, leaf = field.tree, node_at_entries(field.tree, field.leaves, entry)
     x, y = texels.own_points_at(entry)
@@ -126,10 +126,10 @@ def glance_at(field: LightField, texels: TexelMap, entry: IntArray, rays_alone: 
 
 
 def find_known(field: LightField, texels: TexelMap) -> tuple[Float32, Float32]:
-    """(3, n) float32, W/m^2: all light of glance_at at all texel entries; and (n,) float32, half of what one half of the photons found more
-    than the other. As fields of gather.KnownLight.
+    """Light at all texel entries, in the form of gather.KnownLight: (3, n) float32, W/m^2, the sum of both parts of glance_at; and (n,)
+    float32, W/m^2, half of the difference between the two halves of the photons.
 
-    Gathered light is left out: rays that meet it would carry light on by a further reflection with every batch.
+    Gathered light is left out: gather rays that meet it would add one more reflection with every batch.
     """
     leaves = replace(field, gathered=None)
     n_texel = len(texels)
@@ -146,9 +146,9 @@ def find_known(field: LightField, texels: TexelMap) -> tuple[Float32, Float32]:
 
 
 def _blend_leaves(field: LightField, texels: TexelMap, leaf: NDArray[np.int32], variance: Float32, threads: int) -> NDArray[np.float32]:
-    """(C, n, 3) float32, W/m^2: the light that photons brought, C = 2 with light straight from lamps, else indirect light alone.
+    """(C, n, 3) float32, W/m^2: light carried by photons, blended between leaves: direct and indirect if C = 2, else indirect alone.
 
-    variance   (n, 3) float32, of both, filled here
+    variance   (n, 3) float32, of their sum: filled here
     """
     first = 0 if _any_direct(field) else 1
     light = np.empty((2 - first, len(texels), 3), np.float32)
@@ -157,7 +157,7 @@ def _blend_leaves(field: LightField, texels: TexelMap, leaf: NDArray[np.int32], 
 
     def fill(part: slice) -> None:
         found = blend.range(part.start, part.stop)
-        for channel in range(3):  # one by one several times faster than as turned arrays
+        for channel in range(3):  # several times faster than on transposed arrays
             for of_part, values in zip(light, found.irradiance[first:, channel], strict=True):
                 of_part[part, channel] = values
             variance[part, channel] = found.variance[channel] * field.correction[channel]
@@ -170,7 +170,7 @@ def _blend_leaves(field: LightField, texels: TexelMap, leaf: NDArray[np.int32], 
 
 
 def _share_across_occluders(light: Float32, texels: TexelMap) -> None:
-    """What a texel that an occluder cuts shows of the light beyond, in place; as shadow rays do, which start on all of the texel's square.
+    """Mix light from beyond an occluder into the texels that it cuts, in place, as shadow rays do, which start on the texel's whole square.
 
     light   (C, n, 3) float32
     """
@@ -180,5 +180,5 @@ def _share_across_occluders(light: Float32, texels: TexelMap) -> None:
 
 
 def _any_direct(field: LightField) -> bool:
-    """Whether photons brought light straight from lamps, or by mirrors and glass."""
+    """Whether photons carried direct light, from lamps or by mirrors and glass."""
     return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))

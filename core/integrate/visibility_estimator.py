@@ -1,4 +1,4 @@
-"""Lights sampled one by one: closed form times the visible share, which shadow rays estimate where it is uncertain."""
+"""Light from single sources: closed form times the visible share, which shadow rays estimate where it is uncertain."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from .near_field_quadrature import average_peaks, estimate_bend, find_peaks
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 AGREE_TEXELS = 16  # neighbours in Morton order that share the stopping rule: their first rays must agree before any of them stops
-_ALIKE = 0.01  # rays agree whose transmittance differs by less
-# variance ~ 1 / n^(1 + gain) for n stratified rays; measured. A hard edge crosses few cells of a texel; a soft one couples the place in the
-# texel with the place on the light, which are stratified separately.
+_ALIKE = 0.01  # rays agree if their transmittance differs by less
+# The variance of n stratified rays falls as 1 / n^(1 + gain); measured. The hard edge of a shadow crosses few of a texel's strata; a soft
+# edge depends on the point in the texel and the point on the light together, which are stratified separately.
 _SHARP_GAIN, _SOFT_GAIN = 0.9, 0.375
 
 
 class Tally:
     """Estimates for pairs of texel and light by a ratio estimator: closed form * sum(weight * seen) / sum(share).
 
-    rows    (n,) int64     texels of the chunk in spatial order, for one light after the other
-    lamp    (n,) int64     rows of the source; None where it has one
-    known   (2, n) float64   closed form, nan where it must be computed, and its standard error; None is nan everywhere
-    leader  (n,) int64     pair whose rays estimate the visible share of this one, where closed forms are known; None: each its own
-    alone   (n,) bool      pairs whose rays share nothing with their neighbours' stopping rule; None is none
+    rows    (n,) int64       texel of each pair, a row of the chunk: in spatial order, for one light after the other
+    lamp    (n,) int64       light of each pair, a row of the source; None where the source is a single light
+    known   (2, n) float64   closed form, nan where it must be computed, and its standard error; None where all must be computed
+    leader  (n,) int64       pair whose rays estimate the visible share of this one, where closed forms are known; None: each its own
+    alone   (n,) bool        pairs that do not share the stopping rule of their neighbours; None if there are none
     """
 
     def __init__(
@@ -46,12 +46,12 @@ class Tally:
         alone: NDArray[np.bool_] | None = None,
     ) -> None:
         self.source, self.rows, self._lamp, self._shift = source, rows, lamp, shift
-        # Sums over starts of the closed form and of its square; error of the mean of four starts.
+        # Sums over ray origins of the closed form and of its square; error of the mean of the first four.
         self._reach, self._reach_squares, self._bend = np.zeros((3, len(rows)))
         self._peak, self._peak_mean, self._peak_variance = np.zeros(len(rows), bool), *np.zeros((2, len(rows)))
         self._starts, self._rays = np.zeros(len(rows)), np.zeros(len(rows))
         self._bumped = np.zeros(len(rows), bool)  # has a normal map
-        # Caches: closed forms, None after a change, and squared errors, to be recomputed for stale pairs.
+        # Caches: closed forms, None after a change; and squared errors, which are out of date for stale pairs.
         self._closed_form: Float64 | None = None
         self._error2, self._stale = np.zeros(len(rows)), np.ones(len(rows), bool)
         self._known = np.zeros(len(rows), bool)
@@ -62,9 +62,9 @@ class Tally:
             self._reach_squares = self._reach**2
         # Sums of share, share^2, weight * seen, (weight * seen)^2, share * weight * seen, where seen is the share of light that passes.
         self._sums = np.zeros((5, len(rows)))
-        # The same sums by channel, once rays return colours; `_sums` are then those of their mean.
+        # The same sums by channel, once rays return colours; `_sums` then hold the mean of the channels.
         self._channel_sums: Float64 | None = None
-        self._least, self._most = np.zeros((2, 0))  # share that passes of each pair's rays, once they return colours
+        self._least, self._most = np.zeros((2, 0))  # range of the transmittance of each pair's rays, once rays return colours
         self._lit, self._dark = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
         self._leader: NDArray[np.int64] | None = leader  # None while each pair leads itself, as most do
         if leader is not None and (leader == np.arange(len(rows))).all():
@@ -75,9 +75,9 @@ class Tally:
             self._block = _number_blocks(alone) if alone is not None and alone.any() else np.arange(len(rows)) // AGREE_TEXELS
 
     def add(self, rays: ShadowRays, chunk: TexelChunk, index: IntArray, stage: tuple[int, int], points: FloatArray | None = None) -> int:
-        """Trace a stage's rays from some of the tally's texels (m,), ascending; returns how many were traced.
+        """Trace a stage's rays of the pairs `index` (m,), ascending; returns how many were traced.
 
-        points   (rays, 1 or m, 2) float in [0, 1): starts of rays in a texel; None for those of the stage
+        points   (rays, 1 or m, 2) float in [0, 1): origins of rays in a texel; None for the stage's own points
         """
         first, last = stage
         rows = self.rows[index]
@@ -88,7 +88,7 @@ class Tally:
         live = None
         if receivers.bumped is not None:
             self._bumped[index] = receivers.bumped[: len(index)]
-        # After two stages the closed form is known at 16 points, which are enough unless each has a normal of its own.
+        # After two stages the closed form is known at 16 points, which are enough unless a normal map gives each another normal.
         is_open = self._bumped[index] if stage == STAGES[2] else True
         asked = np.flatnonzero(~self._known[index] & is_open)
         if len(asked):
@@ -112,7 +112,7 @@ class Tally:
         return self._trace(rays, receivers, self._lamps(lamp), live, index, (first, last))
 
     def _average_peaks(self, chunk: TexelChunk, index: IntArray, starts: Receivers) -> None:
-        """Average the closed form by a finer quadrature where the first starts (4, len(index)) are too few."""
+        """Average the closed form by a finer quadrature where the first ray origins (4, len(index)) are too few."""
         if not uses("near_field_quadrature"):
             return
         lamp = None if self._lamp is None else self._lamp[index]
@@ -128,7 +128,10 @@ class Tally:
     def _trace(
         self, rays: ShadowRays, receivers: Receivers, lamps: Source, live: IntArray | None, index: IntArray, stage: tuple[int, int]
     ) -> int:
-        """live (m,) int: place of each receiver in (rays, len(index)); None where all rays have a receiver."""
+        """Trace rays and add them to the sums; returns how many were traced.
+
+        live   (m,) int: flat index of each receiver in (rays, len(index)); None where all rays have a receiver
+        """
         if live is not None and not len(live):
             return 0
         points = light_points(take_rows(self._shift, index), *stage)
@@ -163,11 +166,11 @@ class Tally:
 
     @property
     def rgb(self) -> Float64:
-        """(n or 1, 3) float64: power of each pair's light by channel."""
+        """(n or 1, 3) float64: rgb of each pair's light."""
         return self.source.rgb if self._lamp is None else self.source.rgb[self._lamp]
 
     def light(self, count: int) -> Float64:
-        """(count, 3) float64: irradiance of the chunk's texels by these lights."""
+        """(count, 3) float64: irradiance of the chunk's texels from these lights."""
         if self._channel_sums is None:
             return self._sum_texels(self.value(), self.rgb, count)
         return self._sum_texels(self._closed() * [_divide_seen(self._of_leaders(sums)) for sums in self._channel_sums], self.rgb, count)
@@ -186,7 +189,7 @@ class Tally:
         if self._lamp is not None:
             return np.stack([np.bincount(self.rows, own * power, count) for own, power in zip(channels, rgb.T, strict=True)], axis=1)
         single, out = np.zeros(count), np.empty((count, 3))
-        for channel, (own, power) in enumerate(zip(channels, rgb.T, strict=True)):  # several times faster than rows of three
+        for channel, (own, power) in enumerate(zip(channels, rgb.T, strict=True)):  # several times faster than (count, 3) at once
             if channel == 0 or values.ndim == 2:
                 single[as_slice(self.rows)] = own  # each texel occurs once
             np.multiply(single, power, out=out[:, channel])
@@ -198,9 +201,9 @@ class Tally:
         return out
 
     def unsettled(self, allowed: Float64, stage: tuple[int, int]) -> NDArray[np.int64]:
-        """Texels that need the rays of a stage: their standard error, or that of their block, exceeds the allowed one (n,).
+        """Pairs that need the rays of a stage: their standard error, or that of their block, exceeds the allowed one (n,).
 
-        Stopping each texel by its own rays alone would be biased: it stops when they agree by chance.
+        Stopping each texel by its own rays alone would be biased: a texel would stop when its rays agree by chance.
         """
         error = self._error_squared()
         doubt = error > allowed**2
@@ -209,7 +212,7 @@ class Tally:
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
             if self._channel_sums is None:
                 differ = lit & (np.bincount(block, self._dark, minlength=n_block) > 0)
-            else:  # rays agree where as much passes of all of them
+            else:  # rays agree where all have about the same transmittance
                 least, most = np.ones(n_block), np.zeros(n_block)
                 np.minimum.at(least, block, self._least)
                 np.maximum.at(most, block, self._most)
@@ -229,14 +232,14 @@ class Tally:
         return np.flatnonzero(doubt & self.in_reach & self.leads)
 
     def _lead(self, dark: NDArray[np.bool_], stage: tuple[int, int]) -> NDArray[np.int64]:
-        """A random one of the dark texels (n,) of each block, which goes on sampling for all of them.
+        """Choose one of the dark pairs of each block at random, which goes on sampling for all of them; dark (n,).
 
         Stopping wherever a whole block is dark would lose a little light systematically; a random leader keeps the estimate unbiased.
         """
         rows = np.flatnonzero(dark)
         rows = rows[np.argsort(self._block[rows], kind="stable")]
         _, first, size = np.unique(self._block[rows], return_index=True, return_counts=True)
-        # The low bits of the shift, which places on lights do not use.
+        # Chosen by the low bits of the shift, which points on lights do not use.
         chance = self._shift[rows[first], STAGES.index(stage) - 1] & np.uint32(255)
         leader: NDArray[np.int64] = rows[first + (chance * size >> 8)]
         if len(leader) < len(rows):
@@ -247,7 +250,7 @@ class Tally:
         return leader
 
     def _of_leaders(self, values: Float64) -> Float64:
-        """(..., n): the value at each pair's leader."""
+        """(..., n): for each pair, the value of its leader."""
         return values if self._leader is None else values.take(self._leader, axis=-1)
 
     @property
@@ -278,19 +281,22 @@ class Tally:
         return self._error2
 
     def _find_error_squared(self, rows: slice | NDArray[np.int64], sums: Float64) -> Float64:
-        """Squared standard error of some pairs; sums (5, n) of all. Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays."""
+        """Squared standard error of the pairs `rows`, from sums (5, n) of all pairs.
+
+        Source: Cochran 1977, "Sampling Techniques", 6.3, for random rays.
+        """
         source = rows if self._leader is None else self._leader[rows]
         sums = sums[:, source]
         ratio = _divide_seen(sums)
         residual = np.maximum(sums[3] - 2 * ratio * sums[4] + ratio**2 * sums[1], 0)
         square = np.divide(residual, sums[0] ** 2, out=np.ones(len(ratio)), where=sums[0] > 0)
         starts, closed, peak = np.maximum(self._starts[rows], 1), self._closed()[rows], self._peak[rows]
-        # Light that is smooth over a texel has a gain of stratification; normals of a map have none.
+        # Stratification helps where light is smooth over a texel, but not against the normals of a map.
         gained = np.where(self._bumped[rows], np.maximum(starts - 1, 1), starts**2)
         spread = np.maximum(self._reach_squares[rows] / starts - closed**2, 0) / gained
         spread = np.where(self._bumped[rows] | (starts > len(GAUSS_POINTS)), spread, self._bend[rows] ** 2)
         spread = np.where(peak, self._peak_variance[rows], spread) * ratio**2
-        # With few lit rays, or few dark ones, hardly two share a stratum, and stratification gains little.
+        # With few lit or few dark rays, hardly any two share a stratum, and stratification gains little.
         rarer = 2 * self._rays[source] * np.minimum(ratio, np.maximum(1 - ratio, 0))
         gain = np.maximum(rarer, 1) ** (_SHARP_GAIN if self.source.is_sharp else _SOFT_GAIN)
         out: Float64 = spread + closed**2 * square / gain
@@ -298,19 +304,19 @@ class Tally:
 
 
 def _add_products(sums: Float64, own: slice | IntArray, share: Float64, weight: Float64) -> None:
-    """Adds rays (k, m) to the sums (5, n) of the pairs `own` (m,)."""
+    """Add rays (k, m) to the sums (5, n) of the pairs `own` (m,)."""
     for row, (one, other) in enumerate(((share, None), (share, share), (weight, None), (weight, weight), (share, weight))):
         sums[row, own] += one.sum(axis=0) if other is None else np.einsum("ij,ij->j", one, other)
 
 
 def _divide_seen(sums: Float64) -> Float64:
-    """(n,) float64: share of the light that is seen, by the sums of Tally (3 or more, n)."""
+    """(n,) float64: visible share of the light, from the sums of Tally (3 or more, n)."""
     out: Float64 = np.divide(sums[2], sums[0], out=np.zeros(sums.shape[1]), where=sums[0] > 0)
     return out
 
 
 def _number_blocks(alone: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n,) int64: blocks of neighbours; each of `alone` is a block by itself, without adjacent blocks."""
+    """(n,) int64: number of each pair's block of neighbours. A pair of `alone` is a block by itself; no number is next to its own."""
     block, others, single = np.empty(len(alone), np.int64), np.flatnonzero(~alone), np.flatnonzero(alone)
     block[others] = np.arange(len(others)) // AGREE_TEXELS
     block[single] = len(others) // AGREE_TEXELS + 2 + 2 * np.arange(len(single))
