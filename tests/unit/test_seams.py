@@ -61,8 +61,9 @@ def rms_change(before, after):
     return float(np.sqrt(((after[covered] / before[covered] - 1)[:, 0] ** 2).mean()))
 
 
-def test_a_smooth_sphere_has_no_steps_and_hardly_other_light(hold):
-    lit = light_scene(shade_smooth(make_scene([sphere_mesh()])), by_sun)
+@pytest.mark.parametrize("size", [64, 256])
+def test_a_smooth_sphere_has_no_steps_and_hardly_other_light(hold, size):
+    lit = light_scene(shade_smooth(make_scene([sphere_mesh()])), by_sun, size)
     light, report = lit.closed()
     before, after = lit.pages(lit.light), lit.pages(light)
     steps = measure_step(before, lit.points), measure_step(after, lit.points)

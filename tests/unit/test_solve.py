@@ -26,7 +26,7 @@ def two_workers():
         yield executor
 
 
-@pytest.mark.parametrize(("direct", "most"), [("photons", 5_000_000), ("rays", 600_000)])
+@pytest.mark.parametrize(("direct", "most"), [("photons", 5_000_000), ("rays", 600_000)], ids=["photons", "rays"])
 def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, direct, most, hold):
     settings = replace(SETTINGS, direct=direct, max_photons=most, gather=False)
     solver, late = make_solver(tmp_path / "1", lamp_scene(), settings), []
