@@ -100,7 +100,9 @@ def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> No
             column.operator("wm.save_as_mainfile", text="Save As...", icon="FILE_TICK")
     mode_error = find_mode_error(context)
     if mode_error:
-        draw_sentence(layout, context, mode_error, "INFO")
+        column = layout.column()
+        draw_sentence(column, context, mode_error, "INFO")
+        column.operator("object.mode_set", text="Leave Edit Mode", icon="OBJECT_DATAMODE").mode = "OBJECT"
 
 
 def _draw_bar(layout: Any, state: BakeState) -> None:

@@ -301,6 +301,15 @@ def test_no_button_moves_when_the_scene_changes():
     assert [name for name, _ in stale[1]] == [name for name, _ in calm[1]]
 
 
+def test_edit_mode_is_left_by_a_button():
+    assert "object.mode_set" not in [name for name, _ in draw()[1]]
+    bpy.context.view_layer.objects.active = bpy.data.objects["Floor"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    (button,) = [properties for name, properties in draw()[1] if name == "object.mode_set"]
+    bpy.ops.object.mode_set(mode=button.mode)
+    assert bpy.context.mode == "OBJECT"
+
+
 def test_the_button_is_above_all_that_is_said():
     drawn = []
     for folder in ("//maps", bpy.context.scene.leaflight.output):
