@@ -17,7 +17,7 @@ from .render_levels import Warnings, find_render_objects
 MAX_INSTANCES = 100  # more than these of one object share too small a page to be of use
 NO_ROOM = "has 8 UV layers, as many as Blender allows; remove one to give it a lightmap"
 LINKED = "is linked from another file and cannot be hidden behind a baked copy, so its bake is in the images only; make it local"
-_COPY = "a copy made from the evaluated mesh is baked instead"
+_COPY = "a copy of what you see is baked, and stands in its place until Remove"
 
 
 def check_names(scene: Any, view_layer: Any, names: Sequence[str] | None) -> None:
@@ -148,7 +148,7 @@ def find_modifier_reason(obj: Any, has_layer: bool) -> str:
         culprit = culprit or modifier
     if has_layer:
         return ""
-    return f"its {_describe(culprit)} changes its faces; {_COPY}" if culprit else f"its evaluated faces differ from its mesh's; {_COPY}"
+    return f"its {_describe(culprit)} changes its faces; {_COPY}" if culprit else f"its faces as shown are not those of its mesh; {_COPY}"
 
 
 def repeats_layer(obj: Any) -> bool:

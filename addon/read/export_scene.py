@@ -395,7 +395,7 @@ class SceneReading:
         duplicates = count_duplicates(arrays.world) if receives else 0
         if duplicates:
             what = "1 triangle lies exactly on another" if duplicates == 1 else f"{duplicates} triangles lie exactly on others"
-            self._warnings.append((name, f"{what}; merge them to bake them well"))
+            self._warnings.append((name, f"{what}; merge them (Edit Mode, Mesh > Merge > By Distance)"))
 
     def _check_receivers(self) -> None:
         receivers = [item for _, item, _, _ in self._found if item.receives]

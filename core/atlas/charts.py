@@ -314,7 +314,7 @@ class _AtlasMaker:
         for i in objects:
             area = self.found.outlines.area[first_chart[i] : first_chart[i + 1]]
             if float(np.median(area)) * density**2 < _FEWEST_TEXELS:
-                self._warn(i, "half of its charts are smaller than a texel; choose a greater page size or density, or merge small faces")
+                self._warn(i, "half of its UV islands are smaller than a texel; choose a larger page size or density, or merge small faces")
 
     def _try(self, objects: list[int], density: float) -> Outlines | None:
         if self._count_charts(objects) >= _MANY_CHARTS:  # a try takes long, so allow cancellation

@@ -136,7 +136,7 @@ def test_linked_from_another_file(state, tmp_path, what):
     bpy.context.scene.collection.objects.link(cube)
     told = [text for subject, text in state.warnings if subject == cube.name] if bpy.ops.leaflight.bake() else []
     if what == "meshes":  # baked on a copy, which may be shown in its place
-        assert told == ["its mesh is linked from another file; a copy made from the evaluated mesh is baked instead"]
+        assert told == ["its mesh is linked from another file; a copy of what you see is baked, and stands in its place until Remove"]
         assert "Cube.Leaflight" in {obj.name for obj in bpy.context.scene.objects} or cube.hide_render
     else:
         assert told == [export_receivers.LINKED]
