@@ -127,6 +127,5 @@ class LightSearch:
             direct,
             found.touched,
             first=self.first,
-            rising_texels=found.rising,
             limit=self.run.deadline,
         )

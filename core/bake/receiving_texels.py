@@ -43,13 +43,11 @@ class Receivers:
     facets    the charts, cut at creases and contacts
     texels    their texels; mapped read-only, as in all processes
     touched   (n,) bool: as in ContactMap; all False without a search for contacts
-    rising    (n,) bool: likewise
     """
 
     facets: ChartAtlas
     texels: TexelMap
     touched: NDArray[np.bool_]
-    rising: NDArray[np.bool_]
 
 
 def lay_out(
@@ -105,7 +103,7 @@ def find_receivers(
         texel_map = texels.build_texel_map(snapshot, facets, degree, room, run.watch())
     seconds, of_processor = run.seconds[texels.MEASURING.stage], time.process_time() - began
     run.deadline.note_texels(seconds, atlas.page_count * atlas.page_size**2, seconds / max(of_processor, 1e-3))
-    touched = rising = np.zeros(len(texel_map), bool)
+    touched = np.zeros(len(texel_map), bool)
     is_cut = False
     if lit:
         with run.stage(_TREE):
@@ -115,11 +113,11 @@ def find_receivers(
             with run.stage(contact_map.LOOKING), suppress(OutOfTime):
                 watch, threads = run.deadline.watch_contacts(run.watch()), executors.count_processors(settings.workers)
                 contacts = contact_search.search_contacts(run.folder, opened, texel_map, executor, threads, watch)
-                texel_map, facets, touched, rising = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
+                texel_map, facets, touched = contact_map.cut_at_contacts(texel_map, facets, contacts, watch)
                 is_cut = True
             if not is_cut:
                 run.warn([("", _NO_CONTACTS)])
     shared_arrays.save_struct(place, texel_map)
     if lit:
         texel_map = traced_scene.open_tracing(str(run.folder)).texels
-    return Receivers(facets, texel_map, touched, rising)
+    return Receivers(facets, texel_map, touched)

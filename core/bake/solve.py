@@ -48,8 +48,6 @@ from .photon_rounds import PhotonRounds, save_view
 from .photon_shards import PhotonShard
 from .stop_rules import StopRules
 
-# Side of the nodes below things that rise from a surface, from the first round on: the two rounds of many default bakes split less far.
-_RISING_SIDE = 8  # texels
 _LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
 # Rounds before indirect light is gathered: after one the light that its rays meet is too noisy. It is known well enough once it errs by at
 # most so many times what is asked: about half the requested error then carries over to what is gathered.
@@ -73,7 +71,6 @@ class Solver:
     watch: Callable[[LightField], None] = lambda light: None  # called with the light after every round but the last
     photons_before: int = 0  # photons of an earlier bake that this one continues
     first: FirstPhotons = field(default_factory=FirstPhotons)
-    rising_texels: NDArray[np.bool_] | None = None  # (n,) of ContactMap; None for none
     limit: Deadline | None = None  # of the time limit of a whole bake; None: it counts from now
 
     def __post_init__(self) -> None:
@@ -84,8 +81,6 @@ class Solver:
         self.tree = quadtree.plant_trees(texels, self.degree, settings.min_level, settings.finest_texels, not settings.hierarchical)
         if settings.hierarchical:
             self._grow_previews()
-            if self.rising_texels is not None and uses("rising_nodes"):
-                self.tree = quadtree.grow_to(self.tree, texels, max(_RISING_SIDE, settings.finest_texels), self.rising_texels)
         components = 1 if settings.direct == "rays" and not self.tracing.scene.has_caustics else tally.COMPONENTS
         self.tally = Tally.empty(len(self.tree), self.degree, components)
         self.squares = Squares.of(texels, self.forced_texels)

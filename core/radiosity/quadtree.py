@@ -218,13 +218,6 @@ def grow_previews(tree: Quadtree, texels: TexelMap, preview_depth: int, finest_t
     return tree
 
 
-def grow_to(tree: Quadtree, texels: TexelMap, side: int, flag: NDArray[np.bool_]) -> Quadtree:
-    """The tree with nodes of at most that side, texels, at all texel entries with the flag (n_texel,) bool."""
-    while len(bare := np.flatnonzero(~tree.has_children & (tree.side > side) & any_in_nodes(tree, flag))):
-        tree = add_children(tree, bare, texels)
-    return tree
-
-
 def split(tree: Quadtree, marked: IntArray) -> Quadtree:
     """The tree in which the children of the `marked` current nodes are current instead of these."""
     current = tree.current.copy()

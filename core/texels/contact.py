@@ -103,12 +103,6 @@ def ends_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArra
     return ends
 
 
-def rises_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(m,) bool: whether only one of the points is covered; arguments as ends_between."""
-    rises: NDArray[np.bool_] = are_close(one) != are_close(other)
-    return rises
-
-
 def find_cover_edges(
     rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
 ) -> NDArray[np.float32]:

@@ -49,7 +49,6 @@ class ContactMap:
     """Where other things meet the surface.
 
     touched   (n,) bool: texel entries that something touches
-    rising    (n,) bool: those above which something close goes on and rises, as a ball on the floor does: light falls towards it
     patches   that tile all entries of charts that something parts
     piece     (k,) int64: the first patch of the piece that each patch is of
     whole     (k,) int64: the same of what hangs together somehow, of which a piece may be a part
@@ -57,7 +56,6 @@ class ContactMap:
     """
 
     touched: NDArray[np.bool_]
-    rising: NDArray[np.bool_]
     patches: _Patches
     piece: _Int64
     whole: _Int64
@@ -71,7 +69,6 @@ class ContactMap:
         patches = [part.patches for part in parts]
         return cls(
             np.concatenate([part.touched for part in parts]),
-            np.concatenate([part.rising for part in parts]),
             _Patches(
                 _number_on(first_entry, [some.start for some in patches]),
                 np.concatenate([some.size for some in patches]),
@@ -206,7 +203,7 @@ def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
     say(0.6)
     is_covered = texels.are_covered()
     is_whole = is_covered[looks.start]
-    between, rising = _find_between(around, looks, singles, is_whole)
+    between = _find_between(around, looks, singles, is_whole)
     open_ways, closed = singles.take(~between), singles.take(between)
     say(0.8)
     pair = np.concatenate([*joined, np.stack([open_ways.here, open_ways.other])], axis=1)
@@ -221,7 +218,7 @@ def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
         return np.where((beside >= 0) & is_covered[beside], beside, -1)
 
     borders = borders.with_corners(*borders.find_corners(find_beside))
-    return ContactMap(looks.touched, rising, patches, piece, whole, borders)
+    return ContactMap(looks.touched, patches, piece, whole, borders)
 
 
 def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
@@ -240,10 +237,8 @@ def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
     return joined, _Beside(np.repeat([0, 1], [pair.shape[1] for pair in beside]), *np.concatenate(beside, axis=1))
 
 
-def _find_between(
-    around: Surroundings, looks: Looks, pairs: _Beside, is_whole: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Between which texels (m,) bool something stands, or a cover ends; and ContactMap.rising.
+def _find_between(around: Surroundings, looks: Looks, pairs: _Beside, is_whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(m,) bool: pairs of texels between which something stands, or a cover ends.
 
     looks      at the patches; what is touched, and how far that is, is looked for anew where a cover ends
     is_whole   (k,) bool: patches whose texels their chart covers in full
@@ -258,23 +253,20 @@ def _find_between(
     distance[way[ends], here[ends]], distance[back[ends], other[ends]] = around.find_ends(
         height[here[ends]] < height[other[ends]], start[here[ends]], start[other[ends]]
     )
-    rises = np.flatnonzero(~between & contact.rises_between(height[here], height[other]))
-    rising = np.zeros(len(looks.touched), bool)
-    rising[start[here[rises]]] = rising[start[other[rises]]] = True
-    return between, rising
+    return between
 
 
 def cut_at_contacts(
     texels: TexelMap, atlas: ChartAtlas, found: ContactMap, watch: Watch = unwatched
-) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
     """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
-    that map are `touched` and `rising`. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
+    that map are `touched`. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
 
     atlas   whose charts are the map's
     watch   as find_contacts has it
     """
     if not uses("contact_cuts"):
-        return texels, atlas, found.touched, found.rising
+        return texels, atlas, found.touched
     patches = found.patches
     size = np.bincount(found.piece, patches.size)  # at the first patch of each piece
     first = np.flatnonzero(size)
@@ -285,7 +277,7 @@ def cut_at_contacts(
     if uses("split_texels"):
         texels = share_texels(texels, found.borders, stretch(watch, LOOKING, 0.7, 0.85))
     if not len(own):
-        return texels, atlas, found.touched, found.rising
+        return texels, atlas, found.touched
     whole, number = chart[own], np.full(len(patches.start), -1, np.int32)
     number[found.whole[own]] = len(texels.chart_page) + np.arange(len(own))
     number[found.whole[by_size[is_largest]]] = chart[by_size[is_largest]]
@@ -295,9 +287,8 @@ def cut_at_contacts(
     own_chart = chart_of[found.piece[moved]]
     order = EntryOrder.of(patches.start[moved], patches.size[moved], np.argsort(own_chart, kind="stable"), len(found.touched))
     say = stretch(watch, LOOKING, 0.85, 1.0)
-    texels, touched, rising = put_in_order(texels, order, say), found.touched.copy(), found.rising.copy()
+    texels, touched = put_in_order(texels, order, say), found.touched.copy()
     order.apply(touched)
-    order.apply(rising)
     say(0.9)
     own_chart = np.sort(np.repeat(own_chart, patches.size[moved]))
     chart = texels.texel_chart
@@ -311,4 +302,4 @@ def cut_at_contacts(
         chart_piece=np.append(texels.chart_piece, number[found.whole[own]]),
         chart_start=np.searchsorted(chart, np.arange(len(page) + 1, dtype=np.int32)).astype(np.int64),
     )
-    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched, rising
+    return cut, dataclasses.replace(atlas, chart_page=page, chart_object=thing), touched

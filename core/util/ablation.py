@@ -32,7 +32,6 @@ MECHANISMS = {
     "contact_cuts": "charts are cut where other surfaces stand on them",
     "split_texels": "texels that a contact crosses share their light with the next one",
     "contact_nodes": "nodes that something touches are split whatever the oracle says",
-    "rising_nodes": "trees start with finer nodes below what rises from a surface",
     "crease_cuts": "charts are cut at creases, and where a wall shares an edge with the floor",
     # direct light by rays
     "near_field_quadrature": "the closed form is integrated adaptively over texels that a light nearly touches",

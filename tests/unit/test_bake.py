@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import bake_folder, lamp_scene, list_files, room_mesh
-from leaflight.core.bake import bake, preview, solve
+from leaflight.core.bake import bake, preview
 from leaflight.core.bake.checkpoint import read_info
 from leaflight.core.output import resolve
 from leaflight.core.output.image_file import read_image
 from leaflight.core.parallel import executors
-from leaflight.core.radiosity import quadtree
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
 from leaflight.core.util.encodings import ENCODINGS
@@ -32,21 +31,6 @@ LIGHT_STAGES = ["photons", "direct", "photons", "write"]
 def patient(monkeypatch):
     """However slow the machine is, nobody is asked before there is light."""
     monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", math.inf)
-
-
-def test_trees_begin_finer_below_a_ball(tmp_path, monkeypatch):
-    trees = []
-    run = solve.Solver.run
-    monkeypatch.setattr(solve.Solver, "run", lambda self, *args: trees.append((self.tree, self.rising_texels)) or run(self, *args))
-    ball = replace(moved(sphere_mesh(radius_m=0.2), (0.5, 0.5, 0.2)), receives=False)
-    scene = make_scene([quad_mesh("Floor"), ball], [Light("POINT", "Lamp", (0.5, 0.5, 2.0), power_rgb=(9.0,) * 3)])
-    for name, contact in (("on", True), ("off", False)):
-        bake_folder(tmp_path / name, scene, replace(QUICK, size=128, contact=contact))
-    (fine, rising), (coarse, nothing) = trees
-    assert rising.any()
-    assert not nothing.any()
-    assert fine.side[quadtree.any_in_nodes(fine, rising) & ~fine.has_children].max() == 8
-    assert coarse.side.min() > 8
 
 
 def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):

@@ -55,8 +55,7 @@ def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
     scene = make_scene([floor, *(replace(mesh, receives=False) for mesh in meshes)], [light])
     atlas, texels = prepare_folder(folder, scene, SETTINGS)
     found = find_contacts(traced_scene.open_scene(str(folder)), texels)
-    cut, cut_atlas, touched, rising = cut_at_contacts(deepcopy(texels), atlas, found)
-    assert {tuple(xy) for xy in cut.texel_xy[rising]} == {tuple(xy) for xy in texels.texel_xy[found.rising]}
+    cut, cut_atlas, touched = cut_at_contacts(deepcopy(texels), atlas, found)
     assert {tuple(xy) for xy in cut.texel_xy[touched]} == {tuple(xy) for xy in texels.texel_xy[found.touched]}
     assert len(cut_atlas.chart_page) == len(cut_atlas.chart_object) == len(cut.chart_page)
     assert touched.sum() == found.touched.sum()
@@ -238,7 +237,6 @@ def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     assert len(np.unique(chart)) >= 4
     assert set(whole.patches.size.tolist()) == {1, TILE_TEXELS}  # tiles are known only within what one look is at
     assert whole.touched.any()
-    assert whole.rising.any()
     assert len(np.unique(texels.texel_chart[whole.borders.entry])) >= 2
 
 
@@ -258,11 +256,6 @@ def test_what_rises_from_the_floor_parts_nothing(tmp_path):
     assert len(cut_atlas.chart_page) == 2  # parted where it begins
     assert (pieces == pieces[0]).all()
     assert np.flatnonzero(np.diff(pieces[0])).tolist() == [int(0.4 * SIDE + 0.5) - 1]
-    _, texels = prepare_folder(tmp_path / "again", scene, SETTINGS)
-    rising = find_contacts(traced_scene.open_scene(str(tmp_path / "again")), texels).rising
-    folders.forget_folders()
-    assert np.unique(texels.texel_xy[rising, 0]).tolist() == [27, 28]  # on both sides of where it is three texels high
-    assert rising.sum() == 2 * SIDE
 
 
 def test_nothing_moves_on_the_page_and_no_area_is_lost(tmp_path):

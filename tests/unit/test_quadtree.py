@@ -50,19 +50,6 @@ def test_a_minimum_level_starts_there_or_at_texels(level):
     assert ((place >= 0) & (place < tree.side[0])).all()
 
 
-def test_trees_grow_to_a_side_where_they_are_asked_to_and_nowhere_else():
-    texels = make_square_map(64, 1)
-    tree = quadtree.plant_trees(texels, 1, 0, 1, flat=False)
-    flag = (texels.texel_xy == [40, 3]).all(axis=1)
-    grown = quadtree.grow_to(tree, texels, 8, flag)
-    assert grown.side.tolist() == [64] + 4 * [32] + 4 * [16] + 4 * [8]
-    assert np.flatnonzero(grown.current).tolist() == [0]
-    deepest = np.flatnonzero(quadtree.any_in_nodes(grown, flag))[-1]
-    assert grown.origin[deepest].tolist() == [40, 0]
-    assert len(quadtree.grow_to(tree, texels, 8, np.zeros(len(texels), bool))) == 1
-    assert len(quadtree.grow_to(grown, texels, 16, flag)) == len(grown)
-
-
 def test_nodes_that_do_not_tile_are_refused():
     bake = SquareBake(side=8, preview_depth=1)
     with pytest.raises(ValueError, match="expected to tile 64 texels"):
