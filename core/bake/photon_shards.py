@@ -127,6 +127,7 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guidi
     entry = tracing.texels.entry_of(hits.tri, x, y)
     cells, on_sides = tracing.cells, hits.elsewhere
     cell, flux = cells.find(on_sides.tri, on_sides.is_front, on_sides.u, on_sides.v), on_sides.flux_rgb
+    cell = cell + len(cells) * on_sides.straight
     if entry.min(initial=0) < 0:  # a face may have no texels, for instance if a UV layer folds it to a line
         lost = np.flatnonzero(entry < 0)
         tri, u, v = hits.tri.take(lost), hits.u.take(lost), hits.v.take(lost)
@@ -141,7 +142,7 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guidi
     born = None
     if guiding and hits.groups:
         born = BirthTally.of(hits.groups, weigh_groups(hits.groups, guiding.worth, node, hits.flux_rgb), len(guiding.cells))
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, born, CellFlux.of(cell, flux, len(cells)))
+    return PhotonResult(sums, on_squares, hits.audit, hits.counters, born, CellFlux.of(cell, flux, 2 * len(cells)))
 
 
 def trace_ahead(shard: PhotonShard) -> bool:

@@ -24,7 +24,7 @@ from ..integrate.adaptive_sampling import DIRECT_SHARE, Look, Stop, Tell, choose
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
-from ..integrate.gathered import GatheredField
+from ..integrate.gathered import GatheredField, choose_pilots
 from ..integrate.light_field import LightField
 from ..integrate.reference_level import ReferenceLevel
 from ..integrate.texel_light import find_known
@@ -35,7 +35,7 @@ from ..radiosity.deposit_worth import Guiding, weigh_deposits
 from ..radiosity.spatial_shrinkage import CELL_BITS, SpatialShrinkage
 from ..radiosity.tally import Tally
 from ..scene.morton import code_cells
-from ..texels.error_metric import ErrorMetric, Parts
+from ..texels.error_metric import BEST_TEXELS, ErrorMetric, Parts
 from ..transport import rounds, traced_scene
 from ..transport.emission_guide import EmissionGuide
 from ..transport.energy_audit import Ledger
@@ -49,13 +49,29 @@ from .photon_shards import PhotonShard
 from .stop_rules import StopRules
 
 _LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
-# Rounds before indirect light is gathered: after one the light that its rays meet is too noisy. It is known well enough once it errs by at
-# most so many times what is asked: about half the requested error then carries over to what is gathered.
-_FIRST_GATHERING, _MOST_KNOWN = 2, 2.5
-# Widest cells of surfaces without a lightmap for gathering, in texels: wider ones lose the shadows around things, which then look up to
-# 18 % too bright (a level of others on an unbaked ground of 200 m: 10 texels). In rooms and outdoor sets they are 0.4 to 1.2.
-_WIDEST_CELLS = 4.0
+_FIRST_GATHERING = 2  # rounds before indirect light is gathered: the first trees are too coarse for what its rays meet
+# Share of the requested squared error that photons' noise may have in gathered light: the rest is left to the rays of direct light and to
+# the choice of gather rays.
+_GATHERED_SHARE = 1.0 - 2.0 * DIRECT_SHARE**2
+# Where photons that carry much are rare, one estimate of their noise may lack them. The first is taken with this factor, each later one is
+# compared with the one before. Measured on a level below a sky: 3.3, 13, 12, 4.7, 8.7, 6.6 and 3.0 % from one round to the next.
+_ALONE2 = 4.0
 TRACING = Status("photons", "Tracing photons")
+
+
+@dataclass(frozen=True)
+class _Foreseen:
+    """Squared relative error that photons' noise would leave in light gathered after a round.
+
+    reading   of the round, after so many photons
+    found2    the estimate
+    doubt2    the same with the estimate before it in mind
+    """
+
+    reading: RadiositySolution
+    photons: int
+    found2: float
+    doubt2: float
 
 
 @dataclass
@@ -94,10 +110,9 @@ class Solver:
         )
         self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
+        self._foreseen: _Foreseen | None = None
         self.metric = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
-        # side of a cell of surfaces without a lightmap, texels
-        self._cell_texels = math.sqrt(float(np.median(self.tracing.cells.area_m2) / np.maximum(np.median(texels.texel_area), 1e-30)))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
         self.rule = refine.Rule(settings.oracle, settings.threshold, settings.stability, settings.preview_depth)
 
@@ -165,7 +180,7 @@ class Solver:
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
-        if self.gathered is None and self._may_gather(stated):
+        if self.gathered is None and self._may_gather(reading, stated):
             return partial(self._gather, reading, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
@@ -181,18 +196,38 @@ class Solver:
             return None
         return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
 
-    def _may_gather(self, stated: error_estimate.StatedError) -> bool:
-        """Whether indirect light is to be gathered: the light that rays meet is known well enough, but leaves do not show it as well as
-        is asked.
+    def _may_gather(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> bool:
+        """Whether indirect light is to be gathered: leaves do not show it as well as is asked, and gathered light would be known as well;
+        or better than on leaves, where no more photons may be traced.
         """
         settings = self.settings
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or not settings.wants_all_light:
             return False  # a gather ray adds one bounce
-        if self._cell_texels > _WIDEST_CELLS:
-            return False
         of_leaves2 = stated.relative**2 - stated.direct**2
-        is_short = of_leaves2 > (1.0 - DIRECT_SHARE**2) * settings.error**2
-        return self.round >= _FIRST_GATHERING and is_short and stated.relative <= _MOST_KNOWN * settings.error
+        if self.round < _FIRST_GATHERING or of_leaves2 <= (1.0 - DIRECT_SHARE**2) * settings.error**2:
+            return False
+        known = self._foresee_gathered(reading, stated)
+        is_last = settings.max_photons - self.ledger.photons < 2
+        return known.doubt2 <= _GATHERED_SHARE * settings.error**2 or (is_last and known.found2 < of_leaves2)
+
+    def _foresee_gathered(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> _Foreseen:
+        """What photons' noise would leave in gathered light, from blocks of texels that gather; cached."""
+        if self._foreseen is None or self._foreseen.reading is not reading:
+            entry = choose_pilots(len(self.tracing.texels))
+            pilot = GatheredField.none(len(self.tracing.texels))
+            pilot.gather(self.folder, self.settings, self.executor, entry, self._find_known(reading))
+            self.ledger.gathered += pilot.counters["rays"]
+            error2 = (stated.weigh(entry) * pilot.find_doubt2()[entry, None]).mean(axis=1)
+            found2 = float(np.minimum(error2, np.quantile(error2, BEST_TEXELS)).mean(dtype=np.float64))
+            before, photons = self._foreseen, self.ledger.photons
+            doubt2 = max(found2, before.found2 * before.photons / photons) if before else _ALONE2 * found2
+            self._foreseen = _Foreseen(reading, photons, found2, doubt2)
+        return self._foreseen
+
+    def _find_known(self, reading: RadiositySolution) -> KnownLight:
+        """The light that gather rays meet."""
+        light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
+        return KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
 
     def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         other = self._other_light(reading)
@@ -202,8 +237,7 @@ class Solver:
 
     def _gather(self, reading: RadiositySolution, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:
         into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels))
-        light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
-        known = KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
+        known = self._find_known(reading)
         before = into.counters.get("rays", 0)
         for _ in range(repeats):
             if not into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop):

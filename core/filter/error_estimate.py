@@ -42,6 +42,7 @@ class StatedError:
     photons           its part from the photons' variance
     correction        from variance_estimate.noise_correction
     texel_direct2     returns (n,) float32: squared error of direct light by rays at each texel, 0 where no error is measured
+    weigh             returns (k, 3) float32: factor that makes squared errors at texel entries (k,) relative, see ReferenceLight
     gathered, texel_gathered2   as direct and texel_direct2, for gathered light; None without
     indirect          mean share of photons in the light of a texel
     neighbours        neighbours of the nodes, for blending; None before any photon
@@ -57,6 +58,7 @@ class StatedError:
     photons: float
     correction: NDArray[np.float64]
     texel_direct2: Callable[[], NDArray[np.float32]]
+    weigh: Callable[[NDArray[np.int64]], NDArray[np.float32]]
     gathered: float = 0.0
     texel_gathered2: Callable[[], NDArray[np.float32]] | None = None
     indirect: float = 1.0
@@ -133,6 +135,7 @@ def state_error(
         photons=math.sqrt(max(worst.photons2, 0.0)),
         correction=correction,
         texel_direct2=texel_direct2,
+        weigh=all_light.weigh,
         parts=parts,
         of_parts=np.array([one.chosen for one in sums]),
         of_objects=partial(metric.find_object_errors, terms.find_error_alone),
@@ -160,6 +163,7 @@ def _state_rays_alone(
         photons=math.nan,
         correction=correction,
         texel_direct2=texel_direct2,
+        weigh=all_light.weigh,
         parts=parts,
         of_parts=of_parts,
         of_objects=partial(metric.find_object_errors, partial(find_ray_error_alone, light, all_light.dark, weight, rays)),

@@ -9,12 +9,23 @@ using photon mapping", 9.2 (final gathering).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lights.direct_points import LIGHT_PLACE, MOST_TEXELS, ReceivingSurfaces, TexelChunk, each_chunk, light_points, random_shift
+from ..lights.direct_points import (
+    LIGHT_PLACE,
+    MOST_TEXELS,
+    STAGES,
+    Receivers,
+    ReceivingSurfaces,
+    TexelChunk,
+    each_chunk,
+    light_points,
+    random_shift,
+)
 from ..lights.emitters import rotate_to
 from ..lights.stratified_choice import Demand, Span, gather_until_sure
 from ..scene.materials import SurfaceMaterials
@@ -27,8 +38,13 @@ from ..transport.mirrors import GlossyScene, follow_mirrors
 from ..transport.passing import Passing
 from ..transport.refraction import follow_glass
 from ..util.arrays import Float32, Float64, IntArray
-from ..util.geometry import take_rows
+from ..util.geometry import offset_origin, take_rows
 from ..util.sampling import square_to_cosine_hemisphere
+from .direct import DirectScene
+from .hit_light import HitLight
+
+# Width over distance of a cell as large as what one of a texel's rays stands for, of the most there are.
+_WIDE_RAD = math.sqrt(2.0 * math.pi / STAGES[-1][1])
 
 
 @dataclass(frozen=True)
@@ -38,8 +54,8 @@ class KnownLight:
     light           (3, n) float32: direct, and indirect by photons so far
     direct          (n, 3) float32
     doubt           (n,) float32: half of what one half of the photons tells more than the other, mean of channels
-    on_cells        (3, n_cell) float32: all light on sides without a lightmap, by photons
-    cell_doubt      (n_cell,) float32: as doubt
+    on_cells        (2, 3, n_cell) float32: light on sides without a lightmap by photons, indirect and straight from lamps
+    cell_doubt      (2, n_cell) float32: as doubt
     """
 
     light: Float32
@@ -53,20 +69,24 @@ class KnownLight:
 class GatherScene:
     """What rays meet.
 
+    lights          those of direct light where rays meet a side without a lightmap
     passing         what they go on through, with what it lets pass
     mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
                     by photons
+    cell_width      (n_cell,) float32, unit box
     tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
     tri_mapped      (n_tri,) bool: texels hold the light on its front
     """
 
     rays: RayScene
+    lights: DirectScene
     passing: Passing | None
     mirrors: GlossyScene | None
     receiving: ReceivingSurfaces
     surfaces: SurfaceMaterials
     texels: TexelMap
     cells: SurfaceCells
+    cell_width: Float32
     tri_two_sided: NDArray[np.bool_]
     tri_mapped: NDArray[np.bool_]
 
@@ -121,6 +141,7 @@ class _Gathering:
         self, scene: GatherScene, known: KnownLight, chunk: TexelChunk, shift: NDArray[np.uint32], rng: np.random.Generator
     ) -> None:
         self._scene, self._known, self._chunk, self._shift, self._rng = scene, known, chunk, shift, rng
+        self._on_hits = HitLight(scene.lights, rng)
         self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
 
     def look(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
@@ -143,11 +164,11 @@ class _Gathering:
             found = scene.rays.closest(origin, direction)
             traced += len(ray)
             hit = np.flatnonzero(found.tri >= 0)
-            tri, u, v = found.tri[hit], found.u[hit], found.v[hit]
+            tri, u, v, distance = found.tri[hit], found.u[hit], found.v[hit], found.distance[hit]
             ray, direction, share, kind = ray[hit], take_rows(direction, hit), share[:, hit], kind[hit]
             tri_seen = scene.surfaces.tri_seen
             seen = share if tri_seen is None else share * tri_seen[kind, :, tri].T
-            self._add(sent, rows, span, ray, direction, seen, (tri, u, v))
+            traced += self._add(sent, rows, span, ray, direction, seen, (tri, u, v, distance))
             onward = []
             if scene.passing is not None:
                 on, start, left = scene.passing.follow(direction.T, share, tri, u, v, kind)
@@ -187,11 +208,14 @@ class _Gathering:
         ray: IntArray,
         direction: Float32,
         share: Float32,
-        hit: tuple[IntArray, Float32, Float32],
-    ) -> None:
-        """Adds what rays (m,), numbered stage by stage, bring from the triangles they met; a share (3, m) of it comes to the texels."""
-        scene, known = self._scene, self._known
-        tri, u, v = hit
+        hit: tuple[IntArray, Float32, Float32, Float32],
+    ) -> int:
+        """Adds what rays (m,), numbered stage by stage, bring from the triangles they met; a share (3, m) of it comes to the texels.
+
+        Returns how many shadow rays were traced.
+        """
+        scene, known, traced = self._scene, self._known, 0
+        tri, u, v, distance = hit
         entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
         is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
         albedo, through = self._find_albedo(tri, u, v, direction)
@@ -200,15 +224,42 @@ class _Gathering:
             if seen is None:
                 continue
             mapped, own_share = facing & scene.tri_mapped[tri] & (entry >= 0), seen * share
-            for sides, index, light, doubt in (
-                (np.flatnonzero(mapped), entry, known.light, known.doubt),
-                (np.flatnonzero(~mapped), scene.cells.find(tri, facing, u, v), known.on_cells, known.cell_doubt),
-            ):
-                at, own, to = index[sides], own_share[:, sides], place[sides]
-                self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt[at], len(rows))
+            bare = np.flatnonzero(~mapped & own_share.any(axis=0))
+            on_bare, bare_doubt, n_ray = self._light_bare(tri[bare], u[bare], v[bare], facing[bare], distance[bare])
+            traced += n_ray
+            mapped = np.flatnonzero(mapped)
+            at = entry[mapped]
+            for sides, light, doubt in ((mapped, known.light.take(at, axis=1), known.doubt[at]), (bare, on_bare, bare_doubt)):
+                own, to = own_share[:, sides], place[sides]
+                self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt, len(rows))
                 for channel, row in enumerate(sent):
-                    brought = own[channel] * light[channel].take(at)
+                    brought = own[channel] * light[channel]
                     if scene.mirrors is None:
                         row[to] += brought
                     else:  # a ray may be there twice, mirrored and passed
                         row += np.bincount(to, brought, len(row))
+        return traced
+
+    def _light_bare(
+        self, tri: IntArray, u: Float32, v: Float32, is_front: NDArray[np.bool_], distance: Float32
+    ) -> tuple[Float32, Float32, int]:
+        """Light (3, k) on fronts or backs of triangles (k,) without a lightmap, its doubt (k,), W/m^2, and the number of rays traced.
+
+        A cell that fills more of what a texel sees than one of its rays stands for would show shadows blurred, and its own noise: there
+        shadow rays find direct light.
+        """
+        known, receiving = self._known, self._scene.receiving
+        cell = self._scene.cells.find(tri, is_front, u, v)
+        light, doubt = known.on_cells[0].take(cell, axis=1), known.cell_doubt[0, cell]
+        is_near = self._scene.cell_width[cell] > _WIDE_RAD * distance
+        near, far = np.flatnonzero(is_near), np.flatnonzero(~is_near)
+        light[:, far] += known.on_cells[1].take(cell[far], axis=1)
+        doubt[far] += known.cell_doubt[1, cell[far]]
+        if not len(near):
+            return light, doubt, 0
+        tri, side = tri[near], np.where(is_front[near], np.float32(1), np.float32(-1))
+        normal = (take_rows(receiving.normal, tri).T * side).T
+        position = offset_origin(receiving.place(tri, u[near], v[near]), normal).astype(np.float32)
+        direct, traced = self._on_hits.find_light(Receivers(position, normal, normal), tri)
+        light[:, near] += direct.T
+        return light, doubt, traced

@@ -114,12 +114,14 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
     scene, direct_scene = tracing.scene, _open_direct_scene(folder)
     return gather.GatherScene(
         rays=scene.rays,
+        lights=direct_scene,
         passing=scene.passing,
         mirrors=scene if scene.has_caustics else None,
         receiving=direct_scene.surfaces,
         surfaces=scene.surfaces,
         texels=tracing.texels,
         cells=tracing.cells,
+        cell_width=(np.sqrt(tracing.cells.area_m2) * tracing.unit_box.scale).astype(np.float32),
         tri_two_sided=direct_scene.tri_two_sided,
         tri_mapped=scene.tri_lit_below == 0,
     )

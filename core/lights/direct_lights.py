@@ -20,7 +20,7 @@ from .emitters import rotate_to
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
 from .lights import spot_attenuation, spread_attenuation
 
-_INFINITE = np.float32(1e30)
+INFINITE = np.float32(1e30)
 
 
 @dataclass(frozen=True)
@@ -270,7 +270,7 @@ class SunSource:
         direction = local[:, 2:] * self.z_axis - local[:, :1] * self.x_axis - local[:, 1:2] * self.y_axis
         # A disk of radiance 1 / (pi sin^2) over 2 pi (1 - cos) steradians.
         share = np.maximum(dot_rows(direction, normal), 0) * (2 / (1 + np.cos(self.half_angle_rad)))
-        return Aim(direction, np.full(len(u), _INFINITE), share, share)
+        return Aim(direction, np.full(len(u), INFINITE), share, share)
 
 
 @dataclass(frozen=True)
@@ -323,4 +323,4 @@ class WorldSource:
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         one = np.ones(len(u), np.float32)
         share = one * np.float32(math.pi)
-        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * _INFINITE, share, share)
+        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * INFINITE, share, share)

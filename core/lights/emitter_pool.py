@@ -115,6 +115,22 @@ class EmitterPool:
         total, variance, traced = gather_until_sure(gather, np.arange(len(chunk)), demand, base_rgb, _SPANS)
         return total, variance, n_ray + traced
 
+    def choose(self, receivers: Receivers, rng: np.random.Generator) -> tuple[Float64, Aim]:
+        """Radiance (n, 3) of a place on an emitting cell for each of n receivers, chosen by importance; and the ray there, whose weight is
+        the irradiance per unit of radiance over its probability.
+        """
+        count, n_cluster = len(receivers.position), len(self.clusters)
+        cell, chance = np.empty(count, np.int64), np.empty(count)
+        for piece in row_pieces(np.arange(count), n_cluster):
+            nowhere, looking = np.zeros(len(piece), np.float32), receivers.rows(piece)
+            end = np.empty((len(piece), n_cluster))
+            cumulate(self._estimate(looking, nowhere), 0, end)
+            _, run, of_run, rest = choose_by_strata(end, np.arange(len(piece)), nowhere.astype(np.uint32), 1, rng)
+            cell[piece], within = self.clusters.choose(looking, run, rest)
+            chance[piece] = of_run * within
+        aim, radiance = self._aim(receivers, cell, rng.random((count, 2), np.float32))
+        return radiance, replace(aim, weight=(aim.weight / chance).astype(np.float32))
+
     def _gather(
         self,
         rays: ShadowRays,

@@ -113,6 +113,18 @@ class LampCrowd:
                 pairs.append((source, texel[own], self.number[lamp[own]]))
         return pairs, RestOfCrowd(self, end, count * len(self.kind) - len(texel))
 
+    def choose(self, receivers: Receivers, rng: np.random.Generator) -> tuple[Int64, Float64]:
+        """A lamp for each of n receivers, by importance, and its probability; (n,) each."""
+        lamp, chance, n_cluster = np.empty(len(receivers.position), np.int64), np.empty(len(receivers.position)), len(self.clusters)
+        for piece in row_pieces(np.arange(len(lamp)), n_cluster):
+            nowhere = np.zeros(len(piece), np.float32)
+            end = np.empty((len(piece), n_cluster))
+            cumulate(self.estimate(receivers.rows(piece), nowhere), 0, end)
+            _, cluster, of_cluster, rest = choose_by_strata(end, np.arange(len(piece)), nowhere.astype(np.uint32), 1, rng)
+            lamp[piece], within = self.clusters.choose(cluster, rest)
+            chance[piece] = of_cluster * within
+        return lamp, chance
+
     def estimate(self, receivers: Receivers, reach: Float32) -> Float32:
         """(n, n_cluster): importance > 0 of the clusters, about their unoccluded irradiance; reach (n,), unit box: receiver radius."""
         centre, normal, axis = self.clusters.centre, receivers.normal, self.clusters.normal

@@ -20,7 +20,7 @@ from ..util.arrays import Float32, FloatArray
 
 @dataclass(frozen=True)
 class CellFlux:
-    """Flux of one shard: cell (k,) int64, ascending; flux (3, k) float64, W."""
+    """Flux of one shard: cell (k,) int64, ascending, plus the number of cells for light straight from lamps; flux (3, k) float64, W."""
 
     cell: NDArray[np.int64]
     flux: NDArray[np.float64]
@@ -42,7 +42,8 @@ class CellFlux:
 class CellTally:
     """Sums over the even and the odd shards of a bake.
 
-    flux      (2, 3, n_cell) float64, W: each photon carries the power of the whole scene, as in tally.Tally
+    flux      (2, 3, 2 * n_cell) float64, W: indirect light of all cells, then light straight from lamps; each photon carries
+              the power of the whole scene, as in tally.Tally
     photons   (2,) float64
     """
 
@@ -51,7 +52,7 @@ class CellTally:
 
     @classmethod
     def empty(cls, n_cell: int) -> CellTally:
-        return cls(np.zeros((2, 3, n_cell)), np.zeros(2))
+        return cls(np.zeros((2, 3, 2 * n_cell)), np.zeros(2))
 
     def add(self, half: int, found: CellFlux, photons: float) -> None:
         """Add a shard of so many emitted photons."""
@@ -59,7 +60,10 @@ class CellTally:
         self.photons[half] += photons
 
     def irradiance(self, cells: SurfaceCells) -> tuple[Float32, Float32]:
-        """(3, n_cell) float32, W/m^2; and (n_cell,) float32: half the difference of the two halves, mean of channels."""
-        both = (self.flux.sum(axis=0) / max(self.photons.sum(), 1.0) / cells.area_m2).astype(np.float32)
-        first, second = (flux.mean(axis=0) / max(count, 1.0) for flux, count in zip(self.flux, self.photons, strict=True))
+        """(2, 3, n_cell) float32, W/m^2: indirect light, and light straight from lamps; and (2, n_cell) half the difference of their two
+        halves, mean of channels.
+        """
+        flux = np.moveaxis(self.flux.reshape(2, 3, 2, -1), 2, 0)  # by component, half and channel
+        both = (flux.sum(axis=1) / max(self.photons.sum(), 1.0) / cells.area_m2).astype(np.float32)
+        first, second = (flux[:, half].mean(axis=1) / max(count, 1.0) for half, count in enumerate(self.photons))
         return both, ((first - second) / cells.area_m2 / 2.0).astype(np.float32)

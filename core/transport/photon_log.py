@@ -72,6 +72,7 @@ class SideHits:
     tri        (k,) int32
     u, v       (k,) float32
     is_front   (k,) bool
+    straight   (k,) bool        they come straight from a lamp
     flux_rgb   (3, k) float32, W
     """
 
@@ -79,6 +80,7 @@ class SideHits:
     u: _Rows
     v: _Rows
     is_front: NDArray[np.bool_]
+    straight: NDArray[np.bool_]
     flux_rgb: _Rows
 
 
@@ -136,8 +138,8 @@ class PhotonLog:
         self._place: list[_Ints] = []
         self._under_way: list[_Ints] = []  # group of each ray
         self._owner: list[_Ints] = []
-        none = np.zeros(0, np.float32)
-        self._elsewhere = [SideHits(np.zeros(0, np.int32), none, none, np.zeros(0, bool), np.zeros((3, 0), np.float32))]
+        none, nobody = np.zeros(0, np.float32), np.zeros(0, bool)
+        self._elsewhere = [SideHits(np.zeros(0, np.int32), none, none, nobody, nobody, np.zeros((3, 0), np.float32))]
 
     def open_groups(self, place: _Ints) -> _Ints:
         """Numbers (g,) of new groups; `place` is as in Groups."""

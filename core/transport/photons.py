@@ -241,7 +241,8 @@ def _meet(
     if len(elsewhere):
         own = arrived.only(elsewhere)
         brought = own.flux if worth is None else own.flux * gather(worth, elsewhere)
-        log.light_elsewhere(SideHits(own.tri, own.u, own.v, gather(is_front, elsewhere), brought))
+        straight = np.full(len(elsewhere), depth == 0)
+        log.light_elsewhere(SideHits(own.tri, own.u, own.v, gather(is_front, elsewhere), straight, brought))
     if depth or not skip_first:
         is_first = np.full(len(tri), depth == 0)
         if skip_first and arrived.mirrored is not None:

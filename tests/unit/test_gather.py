@@ -28,7 +28,9 @@ def gather_all(folder, scene, light=2.0, on_sides=0.0, **knobs):
 
 def know(solver, light, direct, doubt, on_sides=0.0):
     n_cell = len(solver.tracing.cells)
-    return gather.KnownLight(light, direct, doubt, np.full((3, n_cell), on_sides, np.float32), np.zeros(n_cell, np.float32))
+    on_cells = np.zeros((2, 3, n_cell), np.float32)
+    on_cells[0] = on_sides
+    return gather.KnownLight(light, direct, doubt, on_cells, np.zeros((2, n_cell), np.float32))
 
 
 def gather_known(solver, known, texel=None, tolerance=0.01, seed=1):
@@ -173,12 +175,13 @@ def test_a_face_without_texels_sends_the_light_of_its_cells(tmp_path):
     ceiling = replace(moved(quad_mesh("Ceiling", 2.0, 1.0), (0, 0, 0.02)), polygons=[[3, 2, 1, 0]])
     lamp = replace(LAMP, position_m=(1.9, 0.5, 0.01))
     scene = make_scene([sheet, ceiling], [lamp], [Material("White", (1.0,) * 3)])
-    found, solver = gather_all(tmp_path, scene, light=1.0, on_sides=0.5)
+    below = replace(LAMP, position_m=(1.0, 0.5, -3.0))
+    found, solver = gather_all(tmp_path / "dark", replace(scene, lights=(below,)), light=1.0, on_sides=0.5)
     x, _, z = places_of(solver).T
     inner = (z > 0.01) & (np.abs(x - 1.0) > 0.2)
     assert found.irradiance_rgb[inner & (x < 1.0)].mean() > 0.9
     assert found.irradiance_rgb[inner & (x > 1.0)].mean() == pytest.approx(0.5, abs=0.03)
-    solver.settings = replace(SETTINGS, max_photons=10_000)  # between white things they go on for long
+    solver = make_solver(tmp_path / "lit", scene, replace(SETTINGS, max_photons=10_000), begun=False)  # for long between white things
     solver._trace_round(None)
     tracing = solver.tracing
     folded = np.flatnonzero(tracing.snapshot.tri_position[:, :, 0].max(axis=1) > 1.5)

@@ -1,0 +1,104 @@
+"""Direct light at single points: where gather rays meet surfaces without a lightmap, a shadow ray goes to a light of each kind.
+
+Of the lights that texels look at one by one, the point chooses one by the irradiance that it would bring unoccluded, times the share of
+earlier rays that found it visible. Lamps of a crowd and emitting triangles of a pool are chosen by their importance, directions of an
+environment by the cosine.
+
+Source: Shirley, Wang and Zimmerman 1996, "Monte Carlo techniques for direct lighting calculations", 3.2 (one ray for all lights).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..lights.direct_lights import INFINITE, Aim, Source
+from ..lights.direct_points import Receivers
+from ..lights.emitters import rotate_to
+from ..scene.shadow_rays import ShadowRays, Sight
+from ..util.arrays import Float32, Float64, IntArray
+from ..util.brightness import weigh_channels
+from ..util.sampling import square_to_cosine_hemisphere
+from .direct import DirectScene
+
+# Least visibility that is assumed of a light: it bounds the weight of the rays to one that hardly any ray has found.
+_LEAST_SEEN = 0.1
+
+
+class HitLight:
+    """Direct light at hits of one chunk's gather rays. What they learn of the lights' visibility helps the next ones."""
+
+    def __init__(self, scene: DirectScene, rng: np.random.Generator) -> None:
+        self._scene, self._rng = scene, rng
+        # Of each source: rays sent, and the sum of what they saw; before any ray all of them are taken to be visible.
+        self._sent, self._seen = np.ones((2, len(scene.sources)))
+
+    def find_light(self, receivers: Receivers, tri: IntArray) -> tuple[Float64, int]:
+        """Irradiance (n, 3) float64, W/m^2, at points of triangles (n,), and the number of rays traced.
+
+        It is unbiased but in penumbrae: there the closed form is multiplied with the visibility of one point of the light, chosen by area
+        or solid angle (as in visibility_estimator.Tally). That bounds the light of a lamp that nearly touches the surface.
+        """
+        light, traced = self._look_at_sources(receivers, tri)
+        scene, rng = self._scene, self._rng
+        if scene.crowd is not None:
+            lamp, chance = scene.crowd.choose(receivers, rng)
+            kind = scene.crowd.kind[lamp]
+            for number, lamps in enumerate(scene.crowd.kinds):
+                own = np.flatnonzero(kind == number)
+                chosen = lamps.rows(scene.crowd.number[lamp[own]])
+                looking = receivers.rows(own)
+                unoccluded = chosen.irradiance(looking.position, looking.normal) / chance[own]
+                found, n_ray = self._look(chosen, scene.rays, looking, unoccluded)
+                light[own] += found.times(unoccluded[:, None] * chosen.rgb)
+                traced += n_ray
+        for pool in scene.pools:
+            unlit = scene.find_unlit(pool, tri)
+            own = np.arange(len(tri)) if unlit is None else np.flatnonzero(~unlit)
+            looking = receivers.rows(own)
+            radiance, aim = pool.choose(looking, rng)
+            seen = looking.see(scene.rays_to(pool), aim)
+            light[own] += seen.times(radiance * aim.weight[:, None])
+            traced += seen.rays
+        if scene.environment is not None:
+            places = square_to_cosine_hemisphere(rng.random((len(tri), 2), np.float32))
+            direction = rotate_to(places, receivers.normal).astype(np.float32)
+            one = np.ones(len(tri), np.float32)
+            seen = receivers.see(scene.rays, Aim(direction, INFINITE * one, one, one))
+            light += seen.times(math.pi * scene.environment.environment.look_up(direction).astype(np.float64))
+            traced += seen.rays
+        return light, traced
+
+    def _look_at_sources(self, receivers: Receivers, tri: IntArray) -> tuple[Float64, int]:
+        scene, light, traced = self._scene, np.zeros((len(tri), 3)), 0
+        if not scene.sources:
+            return light, traced
+        unoccluded = np.empty((len(scene.sources), len(tri)))
+        for row, source in zip(unoccluded, scene.sources, strict=True):
+            row[:] = source.irradiance(receivers.position, receivers.normal)
+            unlit = scene.find_unlit(source, tri)
+            if unlit is not None:
+                row[unlit] = 0.0
+        power = np.array([float(weigh_channels(source.rgb)[0]) for source in scene.sources])
+        worth = unoccluded * (power * np.maximum(self._seen / self._sent, _LEAST_SEEN))[:, None]
+        end = np.cumsum(worth, axis=0)
+        chosen = (self._rng.random(len(tri)) * end[-1] >= end).sum(axis=0)
+        for number, source in enumerate(scene.sources):
+            own = np.flatnonzero(chosen == number)  # none of them where nothing shines: then the sum is the number of sources
+            if len(own):
+                given = unoccluded[number, own] * (end[-1, own] / worth[number, own])
+                found, n_ray = self._look(source, scene.rays_to(source), receivers.rows(own), given)
+                light[own] = found.times(given[:, None] * source.rgb)
+                self._sent[number] += len(own)
+                self._seen[number] += found.share.sum()
+                traced += n_ray
+        return light, traced
+
+    def _look(self, lights: Source, rays: ShadowRays, receivers: Receivers, unoccluded: Float64) -> tuple[Sight, int]:
+        """What points (n,) see of a light each, the closed form of which is `unoccluded` (n,); and rays traced."""
+        u: Float32 = self._rng.random((len(unoccluded), 2), np.float32)
+        aim = lights.aim(receivers.position, receivers.normal, u)
+        share = np.divide(aim.weight, aim.share, out=np.zeros_like(aim.weight), where=aim.share > 0)
+        seen = receivers.see(rays, aim) if lights.casts_shadow else Sight(aim.weight > 0, None, 0)
+        return seen.dim(share), seen.rays
