@@ -109,7 +109,7 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emis
         shape = "ELLIPSE" if data.shape in _ELLIPSES else "RECTANGLE"
         return replace(light, shape=shape, size_m=size, spread_rad=data.spread)
     if data.type == "SUN":
-        return replace(light, angle_rad=data.angle)
+        return replace(light, position_m=(0.0, 0.0, 0.0), angle_rad=data.angle)  # wherever it stands, it is the same light
     light = replace(light, radius_m=data.shadow_soft_size, soft_falloff=data.use_soft_falloff)
     return light if data.type == "POINT" or emission else _read_cone(light, data, scale, warnings)
 

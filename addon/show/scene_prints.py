@@ -136,6 +136,8 @@ def _read_place(obj: bpy.types.Object | None, depth: int = 0) -> list[Any]:
     if obj is None or depth > 100:
         return []
     own = [read_value(obj.matrix_basis, 0), read_value(obj.delta_location, 0), read_value(obj.delta_scale, 0)]
+    if obj.type == "LIGHT" and obj.data.type == "SUN" and not obj.constraints:  # its light is the same wherever it stands
+        own = [read_value(obj.matrix_basis.to_3x3(), 0)]
     pose = [read_value(bone.matrix_basis, 0) for bone in obj.pose.bones] if obj.pose else []
     rules = []
     for rule in obj.constraints:

@@ -81,7 +81,8 @@ def test_area_shapes_scale_with_the_object(shape, expected_shape, expected_size)
 
 
 def test_axes_are_right_handed_and_light_shines_along_minus_z():
-    light = read("SUN", angle=0.5, object_properties={"rotation_euler": (0.3, 0.8, 1.1), "scale": (2, 3, -4)})
+    light = read("SUN", angle=0.5, object_properties={"rotation_euler": (0.3, 0.8, 1.1), "scale": (2, 3, -4), "location": (5, 6, 7)})
+    assert light.position_m == (0.0, 0.0, 0.0), "a sun that is moved is the same light"
     axes = np.array(light.rotation)
     assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-6)
     assert np.linalg.det(axes) == pytest.approx(1.0)

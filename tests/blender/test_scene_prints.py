@@ -124,6 +124,21 @@ def test_a_change_has_a_name(change, names):
     assert find_changes() == names
 
 
+def test_a_sun_is_the_same_light_wherever_it_stands():
+    add_lamp()
+    sun = bpy.data.objects["Sun"]
+
+    def read():
+        bpy.context.view_layer.update()
+        return print_scene(bpy.context.scene, bpy.context.view_layer)
+
+    before = read()
+    sun.location = (3.0, -2.0, 7.0)
+    assert read() == before
+    sun.rotation_euler.x = 0.5
+    assert list_changes(before, read()) == ["Sun"]
+
+
 def draw():
     """What the panel says."""
     texts = []
