@@ -115,7 +115,7 @@ def test_shards_that_were_under_way_when_a_bake_stopped_are_not_missing_when_it_
 
 def test_a_bake_whose_direct_light_was_shot_again_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)  # so that the first turn is too coarse
-    settings = replace(SETTINGS, error=0.008, max_photons=3_000_000)
+    settings = replace(SETTINGS, error=0.008, max_photons=3_000_000, gather=False)
     kept, part = keep(tmp_path, settings, 3)
     rest = go_on(tmp_path, kept, settings)
     assert part.photons < rest.photons

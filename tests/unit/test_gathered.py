@@ -39,8 +39,7 @@ def test_a_bake_gathers_where_photons_would_have_to_be_many_more(gathered, tmp_p
     alone, _ = bake(tmp_path, replace(SETTINGS, gather=False, max_photons=1_250_000))  # about as many rays
     assert alone.gathered is None
     assert alone.stopped_by == "max_photons"
-    pilots = light.ledger.gathered - light.gathered.counters["rays"]
-    assert 0 < pilots < 0.1 * light.gathered.counters["rays"]
+    assert light.ledger.gathered == light.gathered.counters["rays"]  # no pilots, for leaves err by little more than is asked
     assert light.ledger.rays + light.ledger.gathered < alone.ledger.rays
     assert light.error < 0.8 * alone.error  # 0.53 to 0.8 of it, twelve bakes
     shown, of_leaves = (texel_light.light_at_texels(one, solver.tracing.texels).indirect for one in (light, alone))
@@ -55,6 +54,8 @@ def test_a_bake_that_may_trace_no_more_photons_gathers_if_that_is_better(tmp_pat
     assert (light.stopped_by, light.photons) == (alone.stopped_by, alone.photons) == ("max_photons", 400_000)
     assert light.gathered is not None
     assert light.error < 0.7 * alone.error
+    pilots = light.ledger.gathered - light.gathered.counters["rays"]
+    assert 0 < pilots < 0.2 * light.gathered.counters["rays"]
 
 
 def test_two_workers_give_the_bytes_of_one(gathered, tmp_path):

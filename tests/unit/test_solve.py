@@ -16,7 +16,7 @@ from leaflight.core.util.messages import Progress
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
 
-SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4)
+SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4, gather=False)
 QUICK = replace(SETTINGS, max_photons=20_000)
 
 
@@ -192,7 +192,7 @@ def hall_and_den():
     """A bright room, and a dim one elsewhere; and the settings by which the bright one is right long before the dim one is."""
     rooms = [room_mesh("Hall"), moved(room_mesh("Den", (0.5, 0.5, 0.5)), (5.0, 0.0, 0.0))]
     lamps = [Light("POINT", "Lamp", (x, 0.1, 0.1), power_rgb=(watts,) * 3) for x, watts in ((0.2, 1000.0), (5.1, 3.0))]
-    return make_scene(rooms, lamps, [Material("Grey", (0.5,) * 3)]), replace(SETTINGS, error=0.03, max_photons=10**8)
+    return make_scene(rooms, lamps, [Material("Grey", (0.5,) * 3)]), replace(SETTINGS, error=0.03, max_photons=10**8, gather=True)
 
 
 def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_where_each_object_has_to(tmp_path):
