@@ -69,12 +69,14 @@ class _Foreseen:
     reading   of the round, after so many photons
     found2    the estimate
     doubt2    the same with the estimate before it in mind
+    noise2    squared relative error by the choice of gather rays
     """
 
     reading: RadiositySolution
     photons: int
     found2: float
     doubt2: float
+    noise2: float
 
 
 @dataclass
@@ -215,7 +217,7 @@ class Solver:
         known = self._foresee_gathered(reading, stated)
         if known.doubt2 <= _GATHERED_SHARE * settings.error**2:
             return True
-        self._gathers_once = settings.max_photons - self.ledger.photons < 2 and known.found2 < of_leaves2
+        self._gathers_once = settings.max_photons - self.ledger.photons < 2 and known.found2 + known.noise2 < of_leaves2
         return self._gathers_once
 
     def _foresee_gathered(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> _Foreseen:
@@ -225,11 +227,11 @@ class Solver:
             pilot = GatheredField.none(len(self.tracing.texels))
             pilot.gather(self.folder, self.settings, self.executor, entry, self._find_known(reading))
             self.ledger.gathered += pilot.counters["rays"]
-            error2 = (stated.weigh(entry) * pilot.find_doubt2()[entry, None]).mean(axis=1)
-            found2 = float(np.minimum(error2, np.quantile(error2, BEST_TEXELS)).mean(dtype=np.float64))
+            weight = stated.weigh(entry)
+            found2, noise2 = (_mean_best((weight * of).mean(axis=1)) for of in (pilot.find_doubt2()[entry, None], pilot.variance[entry]))
             before, photons = self._foreseen, self.ledger.photons
             doubt2 = max(found2, before.found2 * before.photons / photons) if before else _ALONE2 * found2
-            self._foreseen = _Foreseen(reading, photons, found2, doubt2)
+            self._foreseen = _Foreseen(reading, photons, found2, doubt2, noise2)
         return self._foreseen
 
     def _find_known(self, reading: RadiositySolution) -> KnownLight:
@@ -381,3 +383,8 @@ class Solver:
         photons, is_last = rounds.next_photons(so_far, most, len(self.tree), settings.error, *errors, degree)
         photons = max(self.deadline.cap_photons(photons), min(photons, _LEAST_PHOTONS))
         return photons, 0 if is_last else most - so_far - photons
+
+
+def _mean_best(error2: NDArray[np.float32]) -> float:
+    """Mean of squared errors (n,), of which the worst count as the worst of the best texels, see error_metric."""
+    return float(np.minimum(error2, np.quantile(error2, BEST_TEXELS)).mean(dtype=np.float64))

@@ -49,8 +49,8 @@ def test_a_bake_gathers_where_photons_would_have_to_be_many_more(gathered, tmp_p
 
 def test_a_bake_that_may_trace_no_more_photons_gathers_if_that_is_better(tmp_path):
     few = replace(SETTINGS, size=64, error=1e-4, max_photons=400_000)
-    light, _ = bake(tmp_path / "1", few)
-    alone, _ = bake(tmp_path / "2", replace(few, gather=False))
+    light, _ = bake(tmp_path / "1", few, scene=table_scene(100.0))
+    alone, _ = bake(tmp_path / "2", replace(few, gather=False), scene=table_scene(100.0))
     assert (light.stopped_by, light.photons) == (alone.stopped_by, alone.photons) == ("max_photons", 400_000)
     assert light.gathered is not None
     assert light.error < 0.7 * alone.error
@@ -145,16 +145,21 @@ def test_a_thing_without_a_lightmap_sends_as_much_as_with_one(tmp_path):
     assert mine == pytest.approx(theirs, rel=0.02)
 
 
+def table_scene(width_m):
+    """A black table on a ground without a lightmap, so wide."""
+    top = moved(box_mesh("Top", (1.0, 1.0, 0.1)), (0.0, 0.0, 0.5))
+    ground = replace(moved(quad_mesh("Ground", width_m, width_m), (-width_m / 2, -width_m / 2, 0.0)), receives=False)
+    sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3)
+    scene = make_scene([top, ground], [sun], [Material("Black", (0.0,) * 3), Material("Grey", (0.5,) * 3)])
+    return replace(scene, tri_material=scene.tri_object.copy())
+
+
 def test_shadows_on_a_vast_ground_without_a_lightmap_reach_what_stands_there(tmp_path):
     """A table on a ground of cells that are wider than itself is as bright below as on a small ground, whose cells are fine."""
-    top = moved(box_mesh("Top", (1.0, 1.0, 0.1)), (0.0, 0.0, 0.5))
-    sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3)
     means = []
     for name, width in (("vast", 1000.0), ("small", 20.0)):
-        ground = replace(moved(quad_mesh("Ground", width, width), (-width / 2, -width / 2, 0.0)), receives=False)
-        scene = make_scene([top, ground], [sun], [Material("Black", (0.0,) * 3), Material("Grey", (0.5,) * 3)])
-        scene = replace(scene, tri_material=scene.tri_object.copy())
-        light, solver = bake(tmp_path / name, replace(SETTINGS, size=64, error=0.03), scene=scene, plan=lambda *_: True)
+        settings = replace(SETTINGS, size=64, error=0.03)
+        light, solver = bake(tmp_path / name, settings, scene=table_scene(width), plan=lambda *_: True)
         texels = solver.tracing.texels
         below = texels.shown & (solver.tracing.scene.tri_normal[2, texels.texel_tri] < -0.9)
         means.append(float(texel_light.light_at_texels(light, texels).indirect[below].mean()))
