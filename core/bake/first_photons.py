@@ -21,7 +21,7 @@ _HITS_FOLDER = "hits"  # followed by the numbers of the round and the shard
 
 @dataclass(frozen=True)
 class FirstPhotons:
-    """sent   shards that are traced ahead, by (round, number), each with a future that tells whether its hits were kept"""
+    """sent   shards that are traced ahead, by (round, number), each with a future whose result is True if its hits were kept"""
 
     sent: dict[tuple[int, int], tuple[PhotonShard, Future[bool]]] = field(default_factory=dict)
 

@@ -105,7 +105,7 @@ class PreviewPages:
         self._next_s = time.monotonic() + max(LEAST_PAUSE_S, PAUSE_OF_COST * (time.thread_time() - begin))
 
     def join(self, light: LightField, direct: DirectField) -> Callable[[Message], None]:
-        """Show a first light and wait until it is drawn. Returns a listener to use as `tell`, which updates direct light."""
+        """Show first light and wait until it is drawn. Returns a callback for messages, which updates the direct light that is shown."""
         mixed = replace(light, direct=direct)
         self.show(mixed, rays_alone=True)
         time.sleep(FIRST_DRAWN_S)

@@ -24,7 +24,7 @@ from ..integrate.adaptive_sampling import DIRECT_SHARE, Look, Stop, Tell, choose
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
-from ..integrate.gathered import GatheredField, choose_pilots
+from ..integrate.gathered import GatheredField, PilotError, choose_pilots
 from ..integrate.light_field import LightField
 from ..integrate.reference_level import ReferenceLevel
 from ..integrate.texel_light import find_known
@@ -35,7 +35,7 @@ from ..radiosity.deposit_worth import Guiding, weigh_deposits
 from ..radiosity.spatial_shrinkage import CELL_BITS, SpatialShrinkage
 from ..radiosity.tally import Tally
 from ..scene.morton import code_cells
-from ..texels.error_metric import BEST_TEXELS, ErrorMetric, Parts
+from ..texels.error_metric import ErrorMetric, Parts
 from ..transport import rounds, traced_scene
 from ..transport.emission_guide import EmissionGuide
 from ..transport.energy_audit import Ledger
@@ -50,33 +50,13 @@ from .stop_rules import StopRules
 
 _LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
 _FIRST_GATHERING = 2  # rounds before indirect light is gathered: the first trees are too coarse for what its rays meet
-# Leaves that err by at most so many times what is asked are known well enough without pilots, for gathered light is a mean over many.
-# Measured at 2 % on eleven zoo seeds: pilots alone cost two of them 1.6 and 2.4 times the CPU time, and are worth it on none.
+# Where the error of leaves is at most this many times the requested one, light is gathered without pilots: it is a mean over many leaves.
+# Measured at 2 % on eleven zoo seeds: with pilots alone two bakes take 1.6 and 2.4 times the CPU time, and no error is smaller.
 _SURELY_KNOWN = 2.5
-# Share of the requested squared error that photons' noise may have in gathered light: the rest is left to the rays of direct light and to
-# the choice of gather rays.
+# Share of the requested squared error that photons' noise may have in gathered light. The rest is for the variance of shadow rays and of
+# gather rays.
 _GATHERED_SHARE = DIRECT_SHARE**2
-# Where photons that carry much are rare, one estimate of their noise may lack them. The first is taken with this factor, each later one is
-# compared with the one before. Measured on a level below a sky: 3.3, 13, 12, 4.7, 8.7, 6.6 and 3.0 % from one round to the next.
-_ALONE2 = 4.0
 TRACING = Status("photons", "Tracing photons")
-
-
-@dataclass(frozen=True)
-class _Foreseen:
-    """Squared relative error that photons' noise would leave in light gathered after a round.
-
-    reading   of the round, after so many photons
-    found2    the estimate
-    doubt2    the same with the estimate before it in mind
-    noise2    squared relative error by the choice of gather rays
-    """
-
-    reading: RadiositySolution
-    photons: int
-    found2: float
-    doubt2: float
-    noise2: float
 
 
 @dataclass
@@ -115,8 +95,8 @@ class Solver:
         )
         self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
-        self._foreseen: _Foreseen | None = None
-        self._gathers_once = False  # at the photon limit: no number of rays comes to the requested error
+        self._pilots: tuple[RadiositySolution, PilotError] | None = None  # result of _gather_pilots, and its reading
+        self._gathers_once = False  # at the photon limit, where more rays would not reach the requested error
         self.metric = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
@@ -203,8 +183,8 @@ class Solver:
         return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
 
     def _may_gather(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> bool:
-        """Whether indirect light is to be gathered: leaves do not show it as well as is asked, and gathered light would be known as well;
-        or better than on leaves, where no more photons may be traced.
+        """Whether to gather indirect light: leaves do not reach the requested error, and gathered light would. Where no more photons may be
+        traced, it is enough that gathered light would err less than leaves.
         """
         settings = self.settings
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or not settings.wants_all_light:
@@ -212,27 +192,24 @@ class Solver:
         of_leaves2 = stated.relative**2 - stated.direct**2
         if self.round < _FIRST_GATHERING or of_leaves2 <= (1.0 - DIRECT_SHARE**2) * settings.error**2:
             return False
-        if stated.relative <= _SURELY_KNOWN * settings.error:
+        if stated.relative <= _SURELY_KNOWN * settings.error or not uses("gather_pilots"):
+            return stated.relative <= _SURELY_KNOWN * settings.error
+        pilots = self._gather_pilots(reading, stated)
+        if pilots.cautious2 <= _GATHERED_SHARE * settings.error**2:
             return True
-        known = self._foresee_gathered(reading, stated)
-        if known.doubt2 <= _GATHERED_SHARE * settings.error**2:
-            return True
-        self._gathers_once = settings.max_photons - self.ledger.photons < 2 and known.found2 + known.noise2 < of_leaves2
+        self._gathers_once = settings.max_photons - self.ledger.photons < 2 and pilots.photons2 + pilots.rays2 < of_leaves2
         return self._gathers_once
 
-    def _foresee_gathered(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> _Foreseen:
-        """What photons' noise would leave in gathered light, from blocks of texels that gather; cached."""
-        if self._foreseen is None or self._foreseen.reading is not reading:
+    def _gather_pilots(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> PilotError:
+        """Gather light at some blocks of texels, once for each reading, to estimate the error of gathered light."""
+        if self._pilots is None or self._pilots[0] is not reading:
             entry = choose_pilots(len(self.tracing.texels))
             pilot = GatheredField.none(len(self.tracing.texels))
             pilot.gather(self.folder, self.settings, self.executor, entry, self._find_known(reading))
             self.ledger.gathered += pilot.counters["rays"]
-            weight = stated.weigh(entry)
-            found2, noise2 = (_mean_best((weight * of).mean(axis=1)) for of in (pilot.find_doubt2()[entry, None], pilot.variance[entry]))
-            before, photons = self._foreseen, self.ledger.photons
-            doubt2 = max(found2, before.found2 * before.photons / photons) if before else _ALONE2 * found2
-            self._foreseen = _Foreseen(reading, photons, found2, doubt2, noise2)
-        return self._foreseen
+            before = self._pilots[1] if self._pilots else None
+            self._pilots = reading, PilotError.of(pilot, entry, stated.weigh(entry), self.ledger.photons, before)
+        return self._pilots[1]
 
     def _find_known(self, reading: RadiositySolution) -> KnownLight:
         """The light that gather rays meet."""
@@ -383,8 +360,3 @@ class Solver:
         photons, is_last = rounds.next_photons(so_far, most, len(self.tree), settings.error, *errors, degree)
         photons = max(self.deadline.cap_photons(photons), min(photons, _LEAST_PHOTONS))
         return photons, 0 if is_last else most - so_far - photons
-
-
-def _mean_best(error2: NDArray[np.float32]) -> float:
-    """Mean of squared errors (n,), of which the worst count as the worst of the best texels, see error_metric."""
-    return float(np.minimum(error2, np.quantile(error2, BEST_TEXELS)).mean(dtype=np.float64))

@@ -37,13 +37,14 @@ from ..texels.texel_map import TexelMap
 from ..transport.mirrors import GlossyScene, follow_mirrors
 from ..transport.passing import Passing
 from ..transport.refraction import follow_glass
+from ..util.ablation import uses
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.geometry import offset_origin, take_rows
 from ..util.sampling import square_to_cosine_hemisphere
 from .direct import DirectScene
 from .hit_light import HitLight
 
-# Width over distance of a cell as large as what one of a texel's rays stands for, of the most there are.
+# Width over distance of a cell that covers as much as one ray represents, of the most rays that a texel sends in one pass.
 _WIDE_RAD = math.sqrt(2.0 * math.pi / STAGES[-1][1])
 
 
@@ -245,13 +246,13 @@ class _Gathering:
     ) -> tuple[Float32, Float32, int]:
         """Light (3, k) on fronts or backs of triangles (k,) without a lightmap, its doubt (k,), W/m^2, and the number of rays traced.
 
-        A cell that fills more of what a texel sees than one of its rays stands for would show shadows blurred, and its own noise: there
-        shadow rays find direct light.
+        Direct light comes from shadow rays where a cell covers a larger part of the texel's view than one ray represents: such a cell
+        would blur shadows, and several rays would meet the same noise.
         """
         known, receiving = self._known, self._scene.receiving
         cell = self._scene.cells.find(tri, is_front, u, v)
         light, doubt = known.on_cells[0].take(cell, axis=1), known.cell_doubt[0, cell]
-        is_near = self._scene.cell_width[cell] > _WIDE_RAD * distance
+        is_near = (self._scene.cell_width[cell] > _WIDE_RAD * distance) & uses("hit_light")
         near, far = np.flatnonzero(is_near), np.flatnonzero(~is_near)
         light[:, far] += known.on_cells[1].take(cell[far], axis=1)
         doubt[far] += known.cell_doubt[1, cell[far]]

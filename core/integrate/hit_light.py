@@ -1,8 +1,8 @@
-"""Direct light at single points: where gather rays meet surfaces without a lightmap, a shadow ray goes to a light of each kind.
+"""Direct light at single points, where gather rays meet surfaces without a lightmap: one shadow ray to a light of each kind.
 
-Of the lights that texels look at one by one, the point chooses one by the irradiance that it would bring unoccluded, times the share of
-earlier rays that found it visible. Lamps of a crowd and emitting triangles of a pool are chosen by their importance, directions of an
-environment by the cosine.
+Of the lights that texels sample one by one, one is chosen with a probability proportional to its unoccluded irradiance times the share of
+earlier rays that found it visible. Lamps of a crowd and emitting triangles of a pool are chosen by their importance; directions of an
+environment have a cosine distribution.
 
 Source: Shirley, Wang and Zimmerman 1996, "Monte Carlo techniques for direct lighting calculations", 3.2 (one ray for all lights).
 """
@@ -22,37 +22,34 @@ from ..util.brightness import weigh_channels
 from ..util.sampling import square_to_cosine_hemisphere
 from .direct import DirectScene
 
-# Least visibility that is assumed of a light: it bounds the weight of the rays to one that hardly any ray has found.
+# The visibility of a light counts as at least this: it bounds the weight of rays to a light that hardly any ray has found.
 _LEAST_SEEN = 0.1
 
 
 class HitLight:
-    """Direct light at hits of one chunk's gather rays. What they learn of the lights' visibility helps the next ones."""
+    """Direct light at the hits of one chunk's gather rays. Each ray to a light updates the light's visibility for later rays."""
 
     def __init__(self, scene: DirectScene, rng: np.random.Generator) -> None:
         self._scene, self._rng = scene, rng
-        # Of each source: rays sent, and the sum of what they saw; before any ray all of them are taken to be visible.
+        # Number of rays to each source, and the sum of their visibilities. Both begin with 1: all sources count as visible at first.
         self._sent, self._seen = np.ones((2, len(scene.sources)))
 
     def find_light(self, receivers: Receivers, tri: IntArray) -> tuple[Float64, int]:
         """Irradiance (n, 3) float64, W/m^2, at points of triangles (n,), and the number of rays traced.
 
-        It is unbiased but in penumbrae: there the closed form is multiplied with the visibility of one point of the light, chosen by area
-        or solid angle (as in visibility_estimator.Tally). That bounds the light of a lamp that nearly touches the surface.
+        The closed form of a light is multiplied by the visibility of one point of it, chosen uniformly by area or solid angle (as in
+        visibility_estimator.Tally). That is biased in penumbrae, but bounds the light of a lamp that nearly touches the surface.
         """
         light, traced = self._look_at_sources(receivers, tri)
         scene, rng = self._scene, self._rng
         if scene.crowd is not None:
             lamp, chance = scene.crowd.choose(receivers, rng)
-            kind = scene.crowd.kind[lamp]
-            for number, lamps in enumerate(scene.crowd.kinds):
-                own = np.flatnonzero(kind == number)
-                chosen = lamps.rows(scene.crowd.number[lamp[own]])
+            for lamps, own in scene.crowd.split(lamp):
                 looking = receivers.rows(own)
-                unoccluded = chosen.irradiance(looking.position, looking.normal) / chance[own]
-                found, n_ray = self._look(chosen, scene.rays, looking, unoccluded)
-                light[own] += found.times(unoccluded[:, None] * chosen.rgb)
-                traced += n_ray
+                unoccluded = lamps.irradiance(looking.position, looking.normal) / chance[own]
+                found = self._look(lamps, scene.rays, looking)
+                light[own] += found.times(unoccluded[:, None] * lamps.rgb)
+                traced += found.rays
         for pool in scene.pools:
             unlit = scene.find_unlit(pool, tri)
             own = np.arange(len(tri)) if unlit is None else np.flatnonzero(~unlit)
@@ -85,20 +82,20 @@ class HitLight:
         end = np.cumsum(worth, axis=0)
         chosen = (self._rng.random(len(tri)) * end[-1] >= end).sum(axis=0)
         for number, source in enumerate(scene.sources):
-            own = np.flatnonzero(chosen == number)  # none of them where nothing shines: then the sum is the number of sources
+            own = np.flatnonzero(chosen == number)  # where no light shines, `chosen` is the number of sources, and none is found
             if len(own):
                 given = unoccluded[number, own] * (end[-1, own] / worth[number, own])
-                found, n_ray = self._look(source, scene.rays_to(source), receivers.rows(own), given)
+                found = self._look(source, scene.rays_to(source), receivers.rows(own))
                 light[own] = found.times(given[:, None] * source.rgb)
                 self._sent[number] += len(own)
                 self._seen[number] += found.share.sum()
-                traced += n_ray
+                traced += found.rays
         return light, traced
 
-    def _look(self, lights: Source, rays: ShadowRays, receivers: Receivers, unoccluded: Float64) -> tuple[Sight, int]:
-        """What points (n,) see of a light each, the closed form of which is `unoccluded` (n,); and rays traced."""
-        u: Float32 = self._rng.random((len(unoccluded), 2), np.float32)
+    def _look(self, lights: Source, rays: ShadowRays, receivers: Receivers) -> Sight:
+        """What each of n points sees of its light: visibility of one point of it, times what the closed form leaves out, see Aim."""
+        u: Float32 = self._rng.random((len(receivers.position), 2), np.float32)
         aim = lights.aim(receivers.position, receivers.normal, u)
         share = np.divide(aim.weight, aim.share, out=np.zeros_like(aim.weight), where=aim.share > 0)
         seen = receivers.see(rays, aim) if lights.casts_shadow else Sight(aim.weight > 0, None, 0)
-        return seen.dim(share), seen.rays
+        return seen.dim(share)

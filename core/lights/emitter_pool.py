@@ -19,7 +19,18 @@ from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSur
 from .emitter_clusters import EmitterClusters, order_cells
 from .emitting_cells import EmittingCells
 from .irradiance import polygon_irradiance
-from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, cumulate, find_reach, gather_until_sure, in_order
+from .stratified_choice import (
+    BLOCK_TEXELS,
+    Demand,
+    Int64,
+    Span,
+    choose_by_importance,
+    choose_by_strata,
+    cumulate,
+    find_reach,
+    gather_until_sure,
+    in_order,
+)
 
 _SPANS = ((0, STAGES[1][1]), STAGES[2])  # of a texel's rays: the first 4 may all miss the emitters
 _TOGETHER = 16  # texels of a quarter of a tile, which share a pdf
@@ -119,15 +130,11 @@ class EmitterPool:
         """Radiance (n, 3) of a place on an emitting cell for each of n receivers, chosen by importance; and the ray there, whose weight is
         the irradiance per unit of radiance over its probability.
         """
-        count, n_cluster = len(receivers.position), len(self.clusters)
+        count = len(receivers.position)
         cell, chance = np.empty(count, np.int64), np.empty(count)
-        for piece in row_pieces(np.arange(count), n_cluster):
-            nowhere, looking = np.zeros(len(piece), np.float32), receivers.rows(piece)
-            end = np.empty((len(piece), n_cluster))
-            cumulate(self._estimate(looking, nowhere), 0, end)
-            _, run, of_run, rest = choose_by_strata(end, np.arange(len(piece)), nowhere.astype(np.uint32), 1, rng)
-            cell[piece], within = self.clusters.choose(looking, run, rest)
-            chance[piece] = of_run * within
+        for rows, run, of_run, rest in choose_by_importance(receivers, len(self.clusters), self._estimate, rng):
+            cell[rows], within = self.clusters.choose(receivers.rows(rows), run, rest)
+            chance[rows] = of_run * within
         aim, radiance = self._aim(receivers, cell, rng.random((count, 2), np.float32))
         return radiance, replace(aim, weight=(aim.weight / chance).astype(np.float32))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from .stratified_choice import (
     Demand,
     Int64,
     Span,
+    choose_by_importance,
     choose_by_strata,
     cumulate,
     cut_evenly,
@@ -115,15 +116,19 @@ class LampCrowd:
 
     def choose(self, receivers: Receivers, rng: np.random.Generator) -> tuple[Int64, Float64]:
         """A lamp for each of n receivers, by importance, and its probability; (n,) each."""
-        lamp, chance, n_cluster = np.empty(len(receivers.position), np.int64), np.empty(len(receivers.position)), len(self.clusters)
-        for piece in row_pieces(np.arange(len(lamp)), n_cluster):
-            nowhere = np.zeros(len(piece), np.float32)
-            end = np.empty((len(piece), n_cluster))
-            cumulate(self.estimate(receivers.rows(piece), nowhere), 0, end)
-            _, cluster, of_cluster, rest = choose_by_strata(end, np.arange(len(piece)), nowhere.astype(np.uint32), 1, rng)
-            lamp[piece], within = self.clusters.choose(cluster, rest)
-            chance[piece] = of_cluster * within
+        lamp, chance = np.empty(len(receivers.position), np.int64), np.empty(len(receivers.position))
+        for rows, cluster, of_cluster, rest in choose_by_importance(receivers, len(self.clusters), self.estimate, rng):
+            lamp[rows], within = self.clusters.choose(cluster, rest)
+            chance[rows] = of_cluster * within
         return lamp, chance
+
+    def split(self, lamp: Int64) -> Iterator[tuple[Source, Int64]]:
+        """The lamps (n,) by kind: a source with a row for each of some of them, and which these are (k,)."""
+        kind = self.kind[lamp]
+        for k, source in enumerate(self.kinds):
+            own = np.flatnonzero(kind == k)
+            if len(own):
+                yield source.rows(self.number[lamp[own]]), own
 
     def estimate(self, receivers: Receivers, reach: Float32) -> Float32:
         """(n, n_cluster): importance > 0 of the clusters, about their unoccluded irradiance; reach (n,), unit box: receiver radius."""
@@ -202,13 +207,11 @@ class RestOfCrowd:
     def _look(self, rays: ShadowRays, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
         """(n, 3) float64: irradiance by one ray from each receiver to its lamp; and rays traced."""
         value, traced = np.zeros((len(lamp), 3)), 0
-        kind = self._crowd.kind[lamp]
-        for k, source in enumerate(self._crowd.kinds):
-            own = np.flatnonzero(kind == k)
-            lamps, looking = source.rows(self._crowd.number[lamp[own]]), receivers.rows(own)
+        for lamps, own in self._crowd.split(lamp):
+            looking = receivers.rows(own)
             aim = lamps.aim(looking.position, looking.normal, u[own])
             given = aim.weight[:, None] * lamps.rgb
-            if source.casts_shadow:
+            if lamps.casts_shadow:
                 seen = looking.see(rays, aim)
                 given, traced = seen.times(given), traced + seen.rays
             value[own] = given

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..texels.tiles import Tiles
 from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
-from .direct_points import STAGES, row_pieces
+from .direct_points import STAGES, Receivers, row_pieces
 
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that share visibility and the stopping rule
 
@@ -163,6 +163,21 @@ def choose_by_strata(
     low = np.where(cluster > 0, end[row, np.maximum(cluster - 1, 0)], row)
     chance = np.maximum(end[row, cluster] - low, 1e-12)
     return step, cluster, chance, np.clip((target - low) / chance, 0, 1)
+
+
+def choose_by_importance(
+    receivers: Receivers, n_cluster: int, estimate: Callable[[Receivers, Float32], Float32], rng: np.random.Generator
+) -> Iterator[tuple[Int64, Int64, Float64, Float64]]:
+    """Choose a cluster for each of n receivers by its importance.
+
+    estimate   returns importances (k, n_cluster) at k receivers, for radii (k,) around them
+    Yields pieces of the receivers: their rows (k,), and clusters, probabilities and random numbers (k,) as choose_by_strata returns them.
+    """
+    for rows in row_pieces(np.arange(len(receivers.position)), n_cluster):
+        end = np.empty((len(rows), n_cluster))
+        cumulate(estimate(receivers.rows(rows), np.zeros(len(rows), np.float32)), 0, end)
+        _, cluster, chance, rest = choose_by_strata(end, np.arange(len(rows)), np.zeros(len(rows), np.uint32), 1, rng)
+        yield rows, cluster, chance, rest
 
 
 def in_order(step: Int64, values: FloatArray) -> Float64:

@@ -22,7 +22,7 @@ EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1)
 QUADRANTS = ((0, 0), (1, 0), (0, 1), (1, 1))  # Morton order: x is the low bit
 
 # A function is dropped if its squared norm outside the span of the others is below this share of its squared norm: on a sliver of a
-# domain, float64 cannot tell it from them.
+# domain, rounding in float64 makes it linearly dependent on them.
 _DROP_BELOW = 1e-6
 _ROUNDING = 1e-13  # of a whole square's moments, over its area; a square beyond this tolerance is treated like any other node
 

@@ -1,4 +1,4 @@
-"""Rough estimates of irradiance at points before a bake: good enough to tell lit from unlit, too noisy to be shown."""
+"""Rough estimates of irradiance at points before a bake: good enough to distinguish lit from unlit surfaces, too noisy to be shown."""
 
 from __future__ import annotations
 

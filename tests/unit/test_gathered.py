@@ -9,7 +9,7 @@ import pytest
 from boxes import lamp_scene, make_solver, room_mesh
 from leaflight.core.bake.stop_rules import StopRules
 from leaflight.core.integrate import direct_shards, texel_light, texel_shards
-from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.integrate.gathered import GatheredField, PilotError
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.settings import Settings
@@ -152,6 +152,28 @@ def table_scene(width_m):
     sun = Light("SUN", "Sun", power_rgb=(3.0,) * 3)
     scene = make_scene([top, ground], [sun], [Material("Black", (0.0,) * 3), Material("Grey", (0.5,) * 3)])
     return replace(scene, tri_material=scene.tri_object.copy())
+
+
+def test_a_bake_gathers_where_pilots_tell_that_few_photons_are_enough(tmp_path, monkeypatch):
+    """Below a table that few of the photons meet: leaves err by far more than what is asked."""
+    settings = replace(SETTINGS, size=64, error=0.04, max_photons=2_000_000)
+    light, _ = bake(tmp_path / "1", settings, scene=table_scene(60.0))
+    monkeypatch.setenv("LEAFLIGHT_WITHOUT", "gather_pilots")
+    alone, _ = bake(tmp_path / "2", settings, scene=table_scene(60.0))
+    assert (light.stopped_by, alone.stopped_by) == ("error", "max_photons")
+    assert light.photons < alone.photons
+    assert alone.gathered is None
+    assert alone.error > 2.5 * settings.error > 2.5 * light.error
+
+
+def test_noise_that_pilots_miss_by_chance_is_expected_from_what_they_found_before():
+    field, entry = GatheredField.none(256), np.arange(256)
+    errors = []
+    for photons, doubt in ((1000, 0.4), (2000, 0.01), (8000, 0.01)):
+        field.doubt[:] = doubt
+        errors.append(PilotError.of(field, entry, np.full((256, 3), 4.0, np.float32), photons, errors[-1] if errors else None))
+    assert [error.photons2 for error in errors] == pytest.approx([0.64, 0.0004, 0.0004])
+    assert [error.cautious2 for error in errors] == pytest.approx([2.56, 0.32, 0.0004])
 
 
 def test_shadows_on_a_vast_ground_without_a_lightmap_reach_what_stands_there(tmp_path):

@@ -65,6 +65,20 @@ def test_points_get_the_light_that_texels_get(lights, glow, world):
         assert (allowed < 0.15 * expected.irradiance_rgb.mean()).all()  # or the test would say little
 
 
+def test_points_get_no_light_of_what_is_linked_to_others_and_no_shadow_of_what_blocks_others():
+    """On the floor, of a lamp and of boxes that light the block alone, and of a panel that the block does not hide."""
+    scene = lit_scene([BLOCK], [replace(BULB, lights=(1,)), replace(PANEL, blocked_by=(0,))], GLOW)
+    floor, block, *glows = scene.objects
+    found, _ = light_points(replace(scene, objects=(floor, block, *(replace(glow, lights=(1,)) for glow in glows))))
+    alone, _ = light_points(lit_scene(lights=[PANEL]))
+    assert found.mean(axis=0) == pytest.approx(alone.mean(axis=0), rel=0.02)
+    scene = lit_scene([BLOCK], emission=GLOW)
+    floor, block, *glows = scene.objects
+    found, _ = light_points(replace(scene, objects=(floor, block, *(replace(glow, blocked_by=(0, 2, 3, 4, 5)) for glow in glows))))
+    alone, _ = light_points(lit_scene(emission=GLOW))
+    assert found.mean() == pytest.approx(alone.mean(), rel=0.02)
+
+
 def test_a_light_that_no_ray_finds_gets_few_of_them():
     """A bright lamp in a closed box, and a dim one outside: after some rays the dim one gets most."""
     boxed = replace(BULB, name="Boxed", position_m=(0.5, 0.5, 0.5), power_rgb=(400.0,) * 3, radius_m=0.01)
