@@ -122,7 +122,7 @@ class Terms:
     def sum_up(self, rows: NDArray[np.int64], unseen: bool = False) -> Sum:
         """Means over the lit texels among `rows` (k,), without the worst.
 
-        unseen   whether to include light that may have missed an object altogether, for errors by object
+        unseen   whether texels count as lit whose light may have missed their object altogether, for errors by object
         """
         rows = choose_lit(rows, self.light.any(axis=1) | (unseen & (self.unseen2 > 0.0)))
         likely = self.noise.photons2[rows] + self.direct.noise2[rows] + self.bias.gap[rows]
@@ -132,7 +132,7 @@ class Terms:
         best = rows[np.argpartition(likely, count - 1)[:count]]
         missing2, missing_doubt2 = self.bias.sum_up(best)
         return Sum(
-            photons2=_mean(self.noise.photons2[best]) + (_mean(self.unseen2[best]) if unseen else 0.0),
+            photons2=_mean(self.noise.photons2[best]) + _mean(self.unseen2[best]),
             direct2=self.direct.sum_up(self.weight, best),
             gathered2=self.gathered.sum_up(self.weight, best) if self.gathered else 0.0,
             missing2=missing2,

@@ -63,4 +63,4 @@ def test_gathered_light_takes_the_place_of_all_that_leaves_err_by():
     shown = FilteredGather(FilteredField.plain(np.ones((COUNT, 3), np.float32), noise), np.full(COUNT, 0.01, np.float32), shown_there)
     with_it = terms.with_gathered(shown, np.arange(COUNT))
     for rows, expected2 in ((shown_there, 0.01 + 0.2**2 + 0.05**2), (~shown_there, 0.3**2 + 0.2**2 + 0.1**2 + 0.16)):
-        assert with_it.sum_up(np.flatnonzero(rows), unseen=True).relative ** 2 == pytest.approx(expected2, rel=2e-3)
+        assert with_it.sum_up(np.flatnonzero(rows)).relative ** 2 == pytest.approx(expected2, rel=2e-3)

@@ -207,13 +207,15 @@ def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_wh
     assert each.error <= settings.error
 
 
-def test_a_small_house_on_a_wide_plain_is_not_done_before_a_photon_has_met_it(tmp_path):
+@pytest.mark.parametrize("error_of", ["objects", "bake"])
+def test_a_small_house_on_a_wide_plain_is_not_done_before_a_photon_has_met_it(tmp_path, error_of):
     """Where none fell, no variance is seen: the first photons, of which hardly one does, would end the bake."""
     plain = moved(quad_mesh("Plain", 2000.0, 2000.0), (-1000.0, -1000.0, 0.0))
     house = moved(box_mesh("House", (2.0, 2.0, 2.0)), (0.0, 0.0, 1.1))
     scene = make_scene([plain, house], [Light("SUN", "Sun", power_rgb=(3.0,) * 3)], [Material("Grey", (0.5,) * 3)])
-    scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], density_factor=40.0)))
-    settings = replace(SETTINGS, size=128, error=0.05, max_photons=500_000, error_of="objects", gather=False)
+    plain, house = scene.objects
+    scene = replace(scene, objects=(replace(plain, receives=error_of == "objects"), replace(house, density_factor=40.0)))
+    settings = replace(SETTINGS, size=128, error=0.05, max_photons=500_000, error_of=error_of, gather=False)
     light = solve_scene(tmp_path, scene, settings)
     assert light.stopped_by == "max_photons"
     assert light.object_error[1] > 1.0
