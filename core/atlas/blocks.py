@@ -41,8 +41,7 @@ class BlockLayout:
         points   (n, k, 2) float64, m, as in the outlines
         chart    (n,) int64
         """
-        placed: Float64 = place_uv(points, chart, self.density, self.shapes, self.placement) - self.low
-        return placed
+        return place_uv(points, chart, self.density, self.shapes, self.placement) - self.low
 
 
 def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | None:

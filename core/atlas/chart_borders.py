@@ -52,8 +52,7 @@ def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, s
 
 
 def _cross(one: Float64, other: Float64) -> Float64:
-    cross: Float64 = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    return cross
+    return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 
 
 def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int64:
@@ -92,8 +91,7 @@ def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, 
     loop_chart = np.full(n_place, -1)
     loop_chart[loop] = chart
     counterclockwise = np.bincount(loop_chart[(loop_chart >= 0) & (area > 0.0)], minlength=n_chart)
-    once: Bool = counterclockwise == 1
-    return once
+    return counterclockwise == 1
 
 
 def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64) -> Int64:

@@ -44,5 +44,4 @@ def _number_corners(corner: NDArray[np.float64]) -> Int64:
     for axis in range(3):
         mixed = (mixed ^ (corner[..., axis] + 0.0).view(np.uint64)) * _MIX  # -0.0 becomes 0.0
         mixed ^= mixed >> np.uint64(32)
-    numbers: Int64 = np.unique(mixed, return_inverse=True)[1].reshape(mixed.shape)
-    return numbers
+    return np.unique(mixed, return_inverse=True)[1].reshape(mixed.shape)

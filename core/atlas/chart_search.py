@@ -210,5 +210,4 @@ class _Search:
 
 def _number_by_owner(number: IntArray, owner: IntArray) -> Int64:
     """Numbers that are unique within each object, made unique among all objects."""
-    apart: Int64 = owner.astype(np.int64) * (int(number.max(initial=0)) + 1) + number
-    return apart
+    return owner.astype(np.int64) * (int(number.max(initial=0)) + 1) + number

@@ -416,5 +416,4 @@ class _AtlasMaker:
         offset = packed.placement.offset[part]
         side = max(float(layout.side.max()) * self.scale[i], _LEAST_SIDE)
         self.object_place[i] = np.array([side, side, *offset]) / self.page.size
-        placed: Float64 = layout.place(uv / self.size[i], chart) * self.scale[i] + offset
-        return placed
+        return layout.place(uv / self.size[i], chart) * self.scale[i] + offset

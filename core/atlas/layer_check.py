@@ -92,8 +92,7 @@ def signed_areas(tri_uv: Float64) -> Float64:
     tri_uv   (n, 3, 2) float64
     """
     one, other = tri_uv[:, 1] - tri_uv[:, 0], tri_uv[:, 2] - tri_uv[:, 0]
-    areas: Float64 = 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
-    return areas
+    return 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
 
 
 def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerCheck:
@@ -154,13 +153,11 @@ def _inset(uv: Float64) -> Float64:
     centre = (opposite[:, :, None] * uv).sum(axis=1) / perimeter[:, None]
     radius = 2.0 * np.abs(signed_areas(uv)) / perimeter
     factor = np.maximum(1.0 - _INSET / radius, 0.0)
-    scaled: Float64 = centre[:, None] + factor[:, None, None] * (uv - centre[:, None])
-    return scaled
+    return centre[:, None] + factor[:, None, None] * (uv - centre[:, None])
 
 
 def _count_texels(start: Int64, end: Int64, size: int) -> NDArray[np.int32]:
     """(size * size,) int32: number of ranges that contain each texel. With few triangles on a large raster this is most of the work."""
     change = np.bincount(start, minlength=size * size + 1)
     change -= np.bincount(np.maximum(end, start), minlength=size * size + 1)
-    count: NDArray[np.int32] = np.cumsum(change, dtype=np.int32)[: size * size]
-    return count
+    return np.cumsum(change, dtype=np.int32)[: size * size]

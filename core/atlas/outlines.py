@@ -77,8 +77,7 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
         best, chosen = np.where(better, box, best), np.where(better, angle, chosen)
     turned = _turn(uv, np.cos(chosen)[chart], np.sin(chosen)[chart])
     low, _ = _bounds(turned, chart, n_chart)
-    moved: Float64 = turned - low[chart][:, None]
-    return moved
+    return turned - low[chart][:, None]
 
 
 def measure_outlines(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Outlines:

@@ -162,8 +162,7 @@ class _Sides:
 
     def across(self, chart: int, turn: int) -> int:
         """Height of the turned chart, texels."""
-        height: int = self._side[chart][1 - turn % 2]
-        return height
+        return self._side[chart][1 - turn % 2]
 
     def under(self, chart: int, turn: int) -> Int32:
         """The underside of the turned chart with its padding."""
@@ -266,5 +265,4 @@ def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placemen
     turn = placement.turn[chart][:, None]
     new_x = np.choose(turn, [x, reversed_y - y, reversed_x - x, y])
     new_y = np.choose(turn, [y, x, height - y, width - x])
-    placed: Float64 = np.stack([new_x, new_y], axis=2) + placement.offset[chart][:, None]
-    return placed
+    return np.stack([new_x, new_y], axis=2) + placement.offset[chart][:, None]

@@ -50,8 +50,7 @@ class ChartDemand:
     def count_texels(self, density: float, page: Page) -> Float64:
         """(n,) float64: texels of a page that each object takes, gaps included."""
         gap = find_gap(page)
-        taken: Float64 = self.box_m2 * density**2 + self.extent_m * gap * density + self.count * gap**2
-        return taken
+        return self.box_m2 * density**2 + self.extent_m * gap * density + self.count * gap**2
 
     def find_density(self, pages: float, page: Page) -> float:
         """Density in texels/m at which all charts fill `pages`; 0 if the gaps alone fill them."""

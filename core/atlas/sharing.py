@@ -146,5 +146,4 @@ def _log_lengths(tri_position: FloatArray, tri_corner: IntArray) -> Float64:
     order = np.argsort(tri_corner[::step], axis=1)
     position = np.take_along_axis(tri_position[::step], order[:, :, None], axis=1)
     length = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).ravel()
-    log_length: Float64 = np.log(np.maximum(length, _SHORTEST * length.max()))
-    return log_length
+    return np.log(np.maximum(length, _SHORTEST * length.max()))

@@ -112,8 +112,7 @@ def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
     np.minimum.at(low, tri_object[solid], tri_position[solid].min(axis=1))
     np.maximum.at(high, tri_object[solid], tri_position[solid].max(axis=1))
     low, high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))  # an object without any area
-    centred: Float64 = tri_position - 0.5 * (low + high)[tri_object][:, None]
-    return centred
+    return tri_position - 0.5 * (low + high)[tri_object][:, None]
 
 
 def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
@@ -146,8 +145,7 @@ def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -
     one, other = pair_corners(tri_corner, used)
     flat_uv = uv.reshape(-1, 2)
     torn = (group[one // 3] != group[other // 3]) | (flat_uv[one] != flat_uv[other]).any(axis=1)
-    torn_tri: Int64 = np.concatenate([one[torn], other[torn]]) // 3
-    return torn_tri
+    return np.concatenate([one[torn], other[torn]]) // 3
 
 
 def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: Bool) -> Float64:
@@ -179,8 +177,7 @@ def _corner_angles(uv: Float64, tri_corner: IntArray) -> Float64:
     cross = after[..., 0] * before[..., 1] - after[..., 1] * before[..., 0]
     angle = np.arctan2(np.abs(cross), (after * before).sum(axis=2))
     corner = np.unique(tri_corner, return_inverse=True)[1].ravel()
-    total: Float64 = np.bincount(corner, angle.ravel())[corner].reshape(tri_corner.shape)
-    return total
+    return np.bincount(corner, angle.ravel())[corner].reshape(tri_corner.shape)
 
 
 def _unfold_pairs(position: Float64, tri_corner: IntArray, first: Int64, uv: Float64) -> Int64:
@@ -213,5 +210,4 @@ def _lay_on_circle(position: Float64, tri_corner: IntArray, area: float) -> Floa
     angle = 2.0 * np.pi * (np.cumsum(length) - length) / length.sum()
     uv: Float64 = np.stack([np.cos(angle), np.sin(angle)], axis=1)[index.reshape(tri_corner.shape)]
     scale = (area / max(float(np.abs(signed_areas(uv)).sum()), 1e-30)) ** 0.5
-    scaled: Float64 = uv * scale
-    return scaled
+    return uv * scale

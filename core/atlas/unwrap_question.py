@@ -168,8 +168,7 @@ def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: I
     ratio = np.sqrt(np.where(known, sums[0], 1.0) / np.where(known, sums[1], 1.0)) ** 0.5
     size = np.sqrt(sums[2] / np.where(sums[3] != 0, np.abs(sums[3]), 1.0))
     scale = np.stack([np.where(sums[3] < 0, -1.0, 1.0) * size * ratio, size / ratio], axis=1)
-    restored: Float64 = uv * scale[group][:, None]
-    return restored
+    return uv * scale[group][:, None]
 
 
 def _project_flat_charts(position: Float64, normal: Float64, area: Float64, group: Int64) -> tuple[Bool, Float64]:

@@ -76,8 +76,7 @@ class EnvironmentLight:
 
         def gain(taken: Int64) -> Float64:
             rarer = 2 * taken * np.minimum(share, np.maximum(1 - share, 0))
-            out: Float64 = np.maximum(rarer, 1) ** _STRATA_GAIN
-            return out
+            return np.maximum(rarer, 1) ** _STRATA_GAIN
 
         is_few = np.zeros(len(chunk), bool)
         is_few[self.few] = True
@@ -166,13 +165,11 @@ class EnvironmentLight:
         aimed /= np.maximum(aimed.sum(axis=1, keepdims=True), 1e-300)
         anywhere = self._table.power / self._table.power.sum()
         dark = plain.sum(axis=1, keepdims=True) == 0  # the block faces away from all light
-        out: Float64 = (1 - _ANYWHERE - _BACKSTOP) * aimed + _ANYWHERE * plain + np.where(dark, 1.0, _BACKSTOP) * anywhere
-        return out
+        return (1 - _ANYWHERE - _BACKSTOP) * aimed + _ANYWHERE * plain + np.where(dark, 1.0, _BACKSTOP) * anywhere
 
     def _see_share(self) -> Float64:
         """(n_block,): visible share of the map's irradiance."""
-        out: Float64 = (self._brings * self._rates()).sum(axis=1) / np.maximum(self._brings.sum(axis=1), 1e-300)
-        return out
+        return (self._brings * self._rates()).sum(axis=1) / np.maximum(self._brings.sum(axis=1), 1e-300)
 
     def _foresee(self) -> tuple[Float64, Float64]:
         """(n_block,) each: predicted mean and variance of a ray's brightness, control variate included."""
@@ -187,5 +184,4 @@ class EnvironmentLight:
         """(3,): the map's mean colour over its brightness."""
         height, width, _ = self._table.environment.radiance.shape
         flux = (self._table.environment.radiance * find_solid_angles(height, width)[:, None, None]).sum(axis=(0, 1))
-        out: Float64 = flux / max(float(weigh_channels(flux[None])[0]), 1e-300)
-        return out
+        return flux / max(float(weigh_channels(flux[None])[0]), 1e-300)

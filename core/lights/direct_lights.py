@@ -88,8 +88,7 @@ def _aim_at(target: FloatArray, position: Float32, normal: Float32, light_normal
 
 def _combine(u: FloatArray, x_axis: Float32, y_axis: Float32) -> Float32:
     """(n, 3) view of (3, n) rows: u[:, 0] * x_axis + u[:, 1] * y_axis."""
-    out: Float32 = (u[:, 0] * x_axis.T + u[:, 1] * y_axis.T).T
-    return out
+    return (u[:, 0] * x_axis.T + u[:, 1] * y_axis.T).T
 
 
 def _uniform_cone(u: Float32, drop: Float32) -> Float32:
@@ -121,8 +120,7 @@ class PointSource:
     is_spot: bool
 
     def rows(self, index: IntArray) -> PointSource:
-        out: PointSource = _take_lights(self, index)
-        return out
+        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return point_irradiance(self.centre - position, normal, self.radius, self.soft)
@@ -179,8 +177,7 @@ class ProfileSource(PointSource):
     profiles: tuple[Float32, ...]
 
     def rows(self, index: IntArray) -> ProfileSource:
-        out: ProfileSource = _take_lights(self, index)
-        return out
+        return _take_lights(self, index)
 
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         aim = super().aim(position, normal, u)
@@ -218,8 +215,7 @@ class AreaSource:
     is_sharp: bool = False
 
     def rows(self, index: IntArray) -> AreaSource:
-        out: AreaSource = _take_lights(self, index)
-        return out
+        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         x, y = self.x_axis.astype(np.float64), self.y_axis.astype(np.float64)
@@ -259,8 +255,7 @@ class SunSource:
     is_sharp: bool
 
     def rows(self, index: IntArray) -> SunSource:
-        out: SunSource = _take_lights(self, index)
-        return out
+        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return sun_irradiance(dot_rows(normal, self.z_axis), self.half_angle_rad)
@@ -290,8 +285,7 @@ class TriangleSource:
     is_sharp: bool = False
 
     def rows(self, index: IntArray) -> TriangleSource:
-        out: TriangleSource = _take_lights(self, index)
-        return out
+        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         behind = self.front_only & (dot_rows(position - self.corners[:, 0], self.normal) < 0)
@@ -314,8 +308,7 @@ class WorldSource:
     is_sharp: bool = False
 
     def rows(self, index: IntArray) -> WorldSource:
-        out: WorldSource = _take_lights(self, index)
-        return out
+        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return np.full(len(position), math.pi)

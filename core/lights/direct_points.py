@@ -157,8 +157,7 @@ class ReceivingSurfaces:
 
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
-        point: Float32 = locate_hits(self.tri_frame, tri, u, v).T
-        return point
+        return locate_hits(self.tri_frame, tri, u, v).T
 
     def follow(self, looks: TexelLooks, flip: bool) -> LookFrames:
         """Positions and normals at the elements of footprints; on their backs if `flip`."""

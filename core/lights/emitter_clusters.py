@@ -126,8 +126,7 @@ class EmitterClusters:
 
         It includes their farthest cells: a receiver at a cell that is far from hundreds of others would otherwise hardly sample it.
         """
-        out: Float32 = np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
-        return out
+        return np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
 
     def _estimate_parts(self, receivers: Receivers, reach: Float32, node: Int64) -> tuple[Float32, Int64, Int64]:
         """Importances (m,) of all children of nodes (n,), in order; the index (n,) of each node's first child among them; and the child
@@ -156,8 +155,7 @@ class EmitterClusters:
 def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
     """(n_cluster,) float64: EmitterClusters.extent; centre (n, 3) of all cells."""
     away: Float64 = centre - np.repeat(level.centre, level.count, axis=0)
-    out: Float64 = np.maximum.reduceat(dot_rows(away, away), level.start[:-1])
-    return out
+    return np.maximum.reduceat(dot_rows(away, away), level.start[:-1])
 
 
 def _pick(estimated: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:
@@ -181,8 +179,7 @@ def _cut_all(start: Int64, end: int) -> Int64:
     n_part = np.where(count > _FEW, _PARTS, count)
     run = np.repeat(np.arange(len(start)), n_part)
     part = np.arange(len(run)) - np.repeat(np.cumsum(n_part) - n_part, n_part)
-    out: Int64 = start[run] + count[run] * part // n_part[run]
-    return out
+    return start[run] + count[run] * part // n_part[run]
 
 
 def _estimate(
@@ -231,8 +228,7 @@ def cut_by_spread(weight: Float64, place: FloatArray, most: int, even: float) ->
 
     def unevenness(first: IntArray | int, last: IntArray | int) -> Float64:
         centre = moment[last] - moment[first]
-        out: Float64 = second[last] - second[first] - (centre * centre).sum(axis=-1) / (mass[last] - mass[first])
-        return out
+        return second[last] - second[first] - (centre * centre).sum(axis=-1) / (mass[last] - mass[first])
 
     runs = [(-float(unevenness(0, len(weight))), 0, len(weight))]
     left = -runs[0][0]

@@ -70,14 +70,12 @@ class EmitterPool:
     @cached_property
     def middle(self) -> Float32:
         """(n, 3) float32, unit box: centroids of the cells' triangles, or of their parts."""
-        out: Float32 = self.corners.mean(axis=1)
-        return out
+        return self.corners.mean(axis=1)
 
     @cached_property
     def _alone(self) -> Int64:
         """(m,) int64: runs of a single cell of constant radiance."""
-        out: Int64 = np.flatnonzero((self.clusters.runs.count == 1) & self.constant[self.clusters.first[: len(self.clusters)]])
-        return out
+        return np.flatnonzero((self.clusters.runs.count == 1) & self.constant[self.clusters.first[: len(self.clusters)]])
 
     @classmethod
     def of(
@@ -265,5 +263,4 @@ def _share_above(height: FloatArray) -> Float64:
     low, middle, high = np.sort(height.astype(np.float64), axis=1).T
     with np.errstate(divide="ignore", invalid="ignore"):
         below = np.where(middle > 0, low**2 / ((low - middle) * (low - high)), 1 - high**2 / ((high - middle) * (high - low)))
-    share: Float64 = np.where(low >= 0, 1.0, np.where(high <= 0, 0.0, 1 - below))
-    return share
+    return np.where(low >= 0, 1.0, np.where(high <= 0, 0.0, 1 - below))

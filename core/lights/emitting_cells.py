@@ -162,8 +162,7 @@ class _TexturedCells:
     def is_even(self) -> NDArray[np.bool_]:
         """(n,) bool: cells of constant, positive radiance. A black cell may be lit between the samples, so it does not count."""
         radiance = weigh_channels(self.mean_rgb)
-        out: NDArray[np.bool_] = (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
-        return out
+        return (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
 
     def find_uneven(self) -> NDArray[np.int64]:
         """Rows of the cells to cut, as many as there is room for; none once the variance is at most _EVEN."""
@@ -176,8 +175,7 @@ class _TexturedCells:
         if uneven.sum() <= allowed or most < _LEAST_CUT * count:
             return np.zeros(0, np.int64)
         worst = np.argsort(-uneven, kind="stable")[:most]
-        cut: NDArray[np.int64] = worst[uneven[worst] > allowed / count]
-        return cut
+        return worst[uneven[worst] > allowed / count]
 
     def replace_rows(self, rows: NDArray[np.int64], parts: _TexturedCells) -> _TexturedCells:
         """Removes some rows and appends others."""
@@ -215,8 +213,7 @@ class _Texture:
     def measure(self, whose: NDArray[np.int64], side: Float32) -> Float64:
         """(n,) float64: longest side of cells, in texels."""
         uv = self.uv[whose].astype(np.float64) * self.size
-        longest: Float64 = np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2)) * side
-        return longest
+        return np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2)) * side
 
     def look_at(self, whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
         """Cells (n,) with mean and variance of the radiance from stratified texture samples."""

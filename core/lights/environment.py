@@ -37,8 +37,7 @@ class Environment:
 
     def look_up(self, direction: FloatArray) -> Float32:
         """(n, 3) float32, W/m^2/sr: radiance from unit directions (n, 3)."""
-        out: Float32 = self.radiance.reshape(-1, 3)[find_cells(self.radiance.shape, direction)]
-        return out
+        return self.radiance.reshape(-1, 3)[find_cells(self.radiance.shape, direction)]
 
 
 @dataclass(frozen=True)

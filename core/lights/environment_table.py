@@ -78,8 +78,7 @@ class EnvironmentTable:
         toward = find_middles(self._shape).astype(np.float64)
         power = self.environment.cell_power.ravel()
         sums = np.stack([np.bincount(self._patch_of_cell, power * axis, len(self.power)) for axis in toward.T], axis=1)
-        out: Float32 = (sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)).astype(np.float32)
-        return out
+        return (sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)).astype(np.float32)
 
     @cached_property
     def sector(self) -> Int64:
@@ -156,8 +155,7 @@ class EnvironmentTable:
         cell = find_cells(self._shape, direction)
         patch = self._patch_of_cell[cell]
         of_cell = self.environment.cell_power.ravel()[cell] / np.maximum(self.power[patch], 1e-300)
-        out: Float64 = chance[patch] * of_cell / find_solid_angles(height, width)[cell // width]
-        return out
+        return chance[patch] * of_cell / find_solid_angles(height, width)[cell // width]
 
     def rate_by_normals(self, normal: FloatArray) -> Float64:
         """(n_group, n_patch) float64: approximate irradiance from each patch, averaged over a group of normals (n_group, k, 3)."""

@@ -36,8 +36,7 @@ def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.f
         y = np.clip(-cotangent * c / np.maximum(sine, 1e-300), -1, 1)
         rim = sine * np.sqrt(1 - y * y)
         out[cut] = s * (c * np.arccos(y) - cotangent * rim) + np.arctan2(rim, cotangent)
-    clipped: NDArray[np.float64] = np.maximum(out, 0)
-    return clipped
+    return np.maximum(out, 0)
 
 
 def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArray | float, soft: bool) -> NDArray[np.float64]:
@@ -51,8 +50,7 @@ def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArra
     distance_squared = np.maximum((vector * vector).sum(axis=1), 1e-300)
     cosine = (vector * normal).sum(axis=1) / np.sqrt(distance_squared)
     if not np.any(radius):
-        facing: NDArray[np.float64] = np.maximum(cosine, 0) / distance_squared
-        return facing
+        return np.maximum(cosine, 0) / distance_squared
     radius_squared = np.square(radius, dtype=np.float64)
     radiance = 1 / (math.pi * radius_squared)
     if soft:
@@ -60,8 +58,7 @@ def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArra
     else:
         out = cap_irradiance(cosine, np.minimum(radius_squared / distance_squared, 1))
         out = np.where(distance_squared > radius_squared, out, math.pi)
-    shining: NDArray[np.float64] = out * radiance
-    return shining
+    return out * radiance
 
 
 def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> NDArray[np.float64]:
@@ -72,8 +69,7 @@ def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> ND
     if not np.any(half_angle_rad):
         return np.maximum(np.asarray(cosine, np.float64), 0)
     share = np.sin(half_angle_rad, dtype=np.float64) ** 2
-    facing: NDArray[np.float64] = cap_irradiance(cosine, np.asarray(share)) / (math.pi * share)
-    return facing
+    return cap_irradiance(cosine, np.asarray(share)) / (math.pi * share)
 
 
 def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
@@ -135,13 +131,11 @@ def _edge(a: FloatArray, b: FloatArray, up: FloatArray) -> FloatArray:
     """Angle between a and b times the height of the unit normal of their plane; arrays (3, n)."""
     cross = _cross(a, b)
     length = np.sqrt(_dot(cross, cross))
-    out: FloatArray = np.arctan2(length, _dot(a, b)) * _dot(cross, up) / np.maximum(length, 1e-300)
-    return out
+    return np.arctan2(length, _dot(a, b)) * _dot(cross, up) / np.maximum(length, 1e-300)
 
 
 def _dot(a: Sequence[FloatArray] | FloatArray, b: Sequence[FloatArray] | FloatArray) -> FloatArray:
-    out: FloatArray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return out
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _cross(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

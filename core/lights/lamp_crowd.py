@@ -269,8 +269,7 @@ def _lit_share(shot: Float64, lit: Float64) -> Float32:
     size = np.diff(np.append(region, len(shot)))
     around = (np.add.reduceat(lit, region, axis=0) + 1) / (np.add.reduceat(shot, region, axis=0) + 1)
     share = (lit + _AROUND_RAYS * np.repeat(around, size, axis=0)) / (shot + _AROUND_RAYS)
-    out: Float32 = np.maximum(share, _LEAST_LIT).astype(np.float32)
-    return out
+    return np.maximum(share, _LEAST_LIT).astype(np.float32)
 
 
 def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float32, NDArray[np.bool_]]:
@@ -291,5 +290,4 @@ def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float3
 
 def _widen(half_angle_rad: Float32) -> Float32:
     """Cosines of the cones, widened by _CONE_SLACK_RAD to be conservative for all of a texel."""
-    out: Float32 = np.cos(np.minimum(half_angle_rad + _CONE_SLACK_RAD, np.float32(math.pi)))
-    return out
+    return np.cos(np.minimum(half_angle_rad + _CONE_SLACK_RAD, np.float32(math.pi)))

@@ -73,15 +73,13 @@ def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
     """Local directions (n, 3) in world space; +Z maps to -axes[2], along which a Blender light shines. axes (3, 3, 1) or (3, 3, n)."""
     shining = axes * np.array([1, 1, -1], np.float32)[:, None, None]
-    turned: Float32 = combine_vectors(np.asarray(local, np.float32), shining)
-    return turned
+    return combine_vectors(np.asarray(local, np.float32), shining)
 
 
 def spot_attenuation(cosine: FloatArray, drop: FloatArray | float, blend: FloatArray | float) -> FloatArray:
     """A SpotCone's attenuation; cosine, drop and blend are numbers or (n,)."""
     t = np.clip((drop - (1 - cosine)) / np.maximum(blend * drop, _SHARPEST_RIM), 0, 1)
-    out: FloatArray = t * t * (3 - 2 * t)
-    return out
+    return t * t * (3 - 2 * t)
 
 
 def sample_spot_drop(u: FloatArray, drop: Float64 | float, blend: Float64 | float) -> FloatArray:
@@ -250,8 +248,7 @@ def spread_attenuation(cosine: FloatArray, spread_rad: FloatArray | float) -> Fl
     # For small x, tan x - x is computed by its series, without cancellation.
     difference = np.where(half > 0.05, np.tan(half) - half, half**3 / 3 + 2 * half**5 / 15)
     out = np.maximum(np.tan(half) - tangent, 0) / difference
-    lambertian: FloatArray = np.where(np.greater(spread_rad, LAMBERTIAN_SPREAD_RAD), 1, out)
-    return lambertian
+    return np.where(np.greater(spread_rad, LAMBERTIAN_SPREAD_RAD), 1, out)
 
 
 def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
@@ -261,8 +258,7 @@ def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
     # (tan half - tan theta) cos theta sin theta = sin(half - theta) sin(theta) / cos half
     density = np.sin(half - theta) * np.sin(theta)
     cumulative = np.concatenate([[0], np.cumsum(density[1:] + density[:-1])])
-    out: FloatArray = np.interp(u, cumulative / cumulative[-1], theta)
-    return out
+    return np.interp(u, cumulative / cumulative[-1], theta)
 
 
 @dataclass(frozen=True)

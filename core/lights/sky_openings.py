@@ -239,8 +239,7 @@ def _cut(count: int, size: int) -> tuple[Int64, Int64]:
 def _means(values: Float64, size: int) -> Float64:
     """Means of pieces of `size` values."""
     first, sizes = _cut(len(values), size)
-    out: Float64 = np.add.reduceat(values, first) / sizes
-    return out
+    return np.add.reduceat(values, first) / sizes
 
 
 def _look(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span) -> tuple[Sight, Float32]:
@@ -263,8 +262,7 @@ def _choose(
 def _cell_at(to: Float32) -> Int64:
     """(n,) int64: cells, in Morton order, of places (n, 2) in [0, 1)."""
     x, y = np.minimum(to * _SIDE, _SIDE - 1).astype(np.int64).T
-    out: Int64 = interleave_bits(x, y)
-    return out
+    return interleave_bits(x, y)
 
 
 def _blur(values: Float64) -> Float64:
@@ -274,5 +272,4 @@ def _blur(values: Float64) -> Float64:
     grid[:, y + 1, x + 1] = values
     grid[:, :, 1:-1] = (grid[:, :, :-2] + 2 * grid[:, :, 1:-1] + grid[:, :, 2:]) / 4
     grid[:, 1:-1] = (grid[:, :-2] + 2 * grid[:, 1:-1] + grid[:, 2:]) / 4
-    out: Float64 = grid[:, y + 1, x + 1]
-    return out
+    return grid[:, y + 1, x + 1]

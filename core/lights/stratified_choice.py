@@ -95,14 +95,12 @@ class Clusters:
     @cached_property
     def count(self) -> Int64:
         """(n_cluster,) int64: number of emitters."""
-        out: Int64 = np.diff(self.start)
-        return out
+        return np.diff(self.start)
 
     @cached_property
     def spread(self) -> Float32:
         """(n_cluster,) float32: sqrt(1 - |normal|^2), 0 if all emitters face the same way, at most 1."""
-        out: Float32 = np.sqrt(np.maximum(1 - (self.normal**2).sum(axis=1), 0))
-        return out
+        return np.sqrt(np.maximum(1 - (self.normal**2).sum(axis=1), 0))
 
     def choose(self, cluster: Int64, u: FloatArray) -> tuple[Int64, Float64]:
         """Emitters of clusters (n,) by importance, and their probabilities within the cluster."""
@@ -123,15 +121,13 @@ def cut_evenly(weight: Float64, most: int) -> Int64:
         return np.arange(len(weight))
     end = np.append(0.0, np.cumsum(weight))
     start = np.searchsorted(end, end[-1] * np.arange(most) / most, side="right") - 1
-    out: Int64 = np.unique(np.clip(start, 0, len(weight) - 1))
-    return out
+    return np.unique(np.clip(start, 0, len(weight) - 1))
 
 
 def find_reach(starts: FloatArray, count: int) -> Float32:
     """(count,) float32: about half the diagonal of each texel; starts (k * count, 3) are k points per texel."""
     place = starts.reshape(-1, count, 3)
-    out: Float32 = np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
-    return out
+    return np.sqrt(((place - place.mean(axis=0)) ** 2).sum(axis=2).max(axis=0)) * np.float32(math.sqrt(3))
 
 
 def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
@@ -254,5 +250,4 @@ def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
             code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
     nearest = np.abs(normal).argmax(axis=1)
     facing = 2 * nearest + (normal[np.arange(len(normal)), nearest] < 0)
-    order: Int64 = np.lexsort((code, facing))
-    return order
+    return np.lexsort((code, facing))

@@ -77,8 +77,7 @@ def _write_and_map(
             file.write(part)
         file.flush()
         mapped = np.memmap(file, dtype, mode, offset, shape)
-    array: NDArray[Any] = mapped.view(np.ndarray)
-    return array
+    return mapped.view(np.ndarray)
 
 
 IN_MEMORY = Room()

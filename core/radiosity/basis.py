@@ -163,8 +163,7 @@ def square_norm(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degr
     s, t      (m,) float
     """
     power = np.array(monomials(s, t, degree))
-    out: NDArray[np.float64] = (power * apply_matrices(project, power)).sum(0)
-    return out
+    return (power * apply_matrices(project, power)).sum(0)
 
 
 def parent_transforms(degree: int) -> NDArray[np.float64]:

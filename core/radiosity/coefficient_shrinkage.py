@@ -74,8 +74,7 @@ def find_shrunk_noise(
     """
     variance = leaf_variance.sum(0)
     of_mean = np.divide(solution.variance[:, leaf].sum(0), variance, out=np.ones(len(leaf)), where=variance > 0.0)
-    beyond: NDArray[np.float64] = np.maximum(1.0 - of_mean, 0.0) * noise2
-    return beyond
+    return np.maximum(1.0 - of_mean, 0.0) * noise2
 
 
 def find_share_taken(

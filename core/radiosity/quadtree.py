@@ -73,8 +73,7 @@ class Quadtree:
     @cached_property
     def has_children(self) -> NDArray[np.bool_]:
         """(n,) bool."""
-        has: NDArray[np.bool_] = (self.children >= 0).any(1)
-        return has
+        return (self.children >= 0).any(1)
 
     @cached_property
     def levels(self) -> list[NDArray[np.int64]]:
@@ -242,8 +241,7 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
 def node_at_entries(tree: Quadtree, nodes: IntArray, entry: IntArray) -> NDArray[np.int64]:
     """(m,) int64: node_of_texel at texel entries (m,) only."""
     order = nodes[np.argsort(tree.start[nodes])]
-    found: NDArray[np.int64] = order[np.searchsorted(tree.start[order], entry, side="right") - 1]
-    return found
+    return order[np.searchsorted(tree.start[order], entry, side="right") - 1]
 
 
 def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value], name: str, room: Room = IN_MEMORY) -> NDArray[_Value]:
@@ -262,8 +260,7 @@ def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value],
 def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(n,) bool: nodes that have a texel entry with the flag (n_texel,) bool."""
     flagged = np.flatnonzero(flag)
-    out: NDArray[np.bool_] = np.searchsorted(flagged, tree.end) > np.searchsorted(flagged, tree.start)
-    return out
+    return np.searchsorted(flagged, tree.end) > np.searchsorted(flagged, tree.start)
 
 
 def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -147,8 +147,7 @@ def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntA
 
 def find_comparable(tree: Quadtree, totals: Totals, stability: int) -> NDArray[np.bool_]:
     """(n,) bool: nodes that have shot enough photons to be compared with the previews below them."""
-    comparable: NDArray[np.bool_] = tree.has_children & is_stable(totals.shot // FANOUT, stability)
-    return comparable
+    return tree.has_children & is_stable(totals.shot // FANOUT, stability)
 
 
 @dataclass(frozen=True)
@@ -221,8 +220,7 @@ def mark(
             marked[asked] |= difference.greatest[rows] > rule.threshold * level[asked]
         else:  # significant, however small; choose_leaves decides which children are shown
             marked[asked] |= difference.sigmas[rows] > SIGNIFICANT_SIGMAS
-    split: IntArray = nodes[marked]
-    return split
+    return nodes[marked]
 
 
 def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
@@ -253,5 +251,4 @@ def open_nodes(tree: Quadtree, nodes: IntArray, opened: NDArray[np.bool_]) -> ND
         tiles.append(front[~opened[front]])
         children = tree.children[front[opened[front]]]
         front = children[children >= 0]
-    out: NDArray[np.int64] = np.concatenate(tiles).astype(np.int64)
-    return out
+    return np.concatenate(tiles).astype(np.int64)

@@ -135,14 +135,12 @@ class _Around:
     def find_share(self, area: Float64, prior: float) -> Float64:
         """(c,): weight of the prior, prior / (expected + prior), with the number of photons expected on surfaces of area (c,), m^2."""
         expected = self.mean.mean(axis=0) * area / np.maximum(self.photon, _TINY)
-        share: Float64 = prior / (expected + prior)
-        return share
+        return prior / (expected + prior)
 
 
 def _lean(light: NDArray[Any], around: Float64, share: Float64) -> Float64:
     """Light shrunk by `share` towards `around`, or by _LIFTED times that if it is darker."""
-    leaning: Float64 = light + share * np.where(light < around, _LIFTED, 1.0) * (around - light)
-    return leaning
+    return light + share * np.where(light < around, _LIFTED, 1.0) * (around - light)
 
 
 def _look_around(cell: IntArray, parts: Float64) -> _Around:

@@ -104,8 +104,7 @@ def _square(power: FloatArray) -> FloatArray:
     """(m,), W^2: squares of the powers of a shard's photons, (m,) W; in float64 if float32 cannot hold them."""
     greatest = float(power.max(initial=0.0))
     plain = greatest == 0.0 or _SQUARED_W[0] < greatest < _SQUARED_W[1]
-    squares: FloatArray = np.square(power, dtype=None if plain else np.float64)
-    return squares
+    return np.square(power, dtype=None if plain else np.float64)
 
 
 @dataclass

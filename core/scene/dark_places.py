@@ -39,8 +39,7 @@ def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
     """(count,) triangles chosen from tri (n,), stratified by area."""
     area = np.cumsum(probe.area[tri])
     at = (np.arange(count) + 0.5) / count * area[-1]
-    spread: NDArray[np.int64] = tri[np.minimum(np.searchsorted(area, at), len(tri) - 1)]
-    return spread
+    return tri[np.minimum(np.searchsorted(area, at), len(tri) - 1)]
 
 
 def _find_enclosed_lamps(probe: LightProbe) -> list[str]:

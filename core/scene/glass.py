@@ -75,8 +75,7 @@ class Glass:
 
     def is_rough(self, tri: IntArray) -> NDArray[np.bool_]:
         """(n,): triangles of rough glass."""
-        rough: NDArray[np.bool_] = gather(self.alpha, gather(self.tri_material, tri)) > 0
-        return rough
+        return gather(self.alpha, gather(self.tri_material, tri)) > 0
 
     def bend(
         self,
@@ -132,8 +131,7 @@ class Glass:
         before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
         low = (2 * material.astype(np.intp) + ~is_front) * _ENTRIES + before
         first = gather(self.kept, low)
-        out: FloatArray = np.maximum(first + (gather(self.kept, low + 1) - first) * (place - before), 1e-3)
-        return out
+        return np.maximum(first + (gather(self.kept, low + 1) - first) * (place - before), 1e-3)
 
 
 @dataclass(frozen=True)
@@ -194,10 +192,8 @@ def tabulate_glass(alpha: float, eta: float, fresnel: bool) -> Float64:
     back = mask_both(cosine, 2 * facing * half[2] - cosine, rough)
     through = mask_both(cosine, cosine / eta - (facing / eta - other) * half[2], rough)
     kept: FloatArray = share * back + (1 - share) * through if fresnel else np.where(share < 1, through, 1)
-    out: Float64 = kept.reshape(_ENTRIES, _SAMPLES).mean(axis=1)
-    return out
+    return kept.reshape(_ENTRIES, _SAMPLES).mean(axis=1)
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    out: FloatArray = np.einsum("kn,kn->n", a, b)
-    return out
+    return np.einsum("kn,kn->n", a, b)

@@ -304,8 +304,7 @@ class Gloss:
         row = self.find_rows(tri, u, v)
         tint, share, ior = gather(self.coat.tint, row), gather(self.coat.share, row), np.maximum(gather(self.coat.ior, row), 1 + _HAIR)
         path = 1 / np.sqrt(1 - (1 - np.minimum(cosine, 1) ** 2) / ior**2)
-        factor: Float32 = tint_by_coat(tint, share, path) / np.maximum(tint_by_coat(tint, share, find_mean_path(ior)), _HAIR)
-        return factor
+        return tint_by_coat(tint, share, path) / np.maximum(tint_by_coat(tint, share, find_mean_path(ior)), _HAIR)
 
     def reflect(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool = False
@@ -400,8 +399,7 @@ def find_mean_path(ior: Any) -> Any:
 
 def tint_by_coat(tint: FloatArray, share: Any, path: Any) -> FloatArray:
     """(3, ...): what a coat's tint (3, ...) leaves of light on a way of some length through it, where it covers a share of the surface."""
-    out: FloatArray = 1 - share + share * tint**path
-    return out
+    return 1 - share + share * tint**path
 
 
 def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatArray) -> FloatArray:
@@ -424,8 +422,7 @@ def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatAr
     y = (1 - share) * np.sqrt(np.maximum(1 - x * x, 0)) + share * y
     half = x * first + y * second + np.sqrt(np.maximum(1 - x * x - y * y, 0)) * stretched
     out = np.stack([alpha * half[0], alpha * half[1], np.maximum(half[2], 1e-9)])
-    unit: FloatArray = out / np.sqrt(_dot(out, out))
-    return unit
+    return out / np.sqrt(_dot(out, out))
 
 
 def mask(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
@@ -445,8 +442,7 @@ def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
     g = np.sqrt(np.maximum(ior * ior - 1 + cosine * cosine, 0))
     ratio = (g - cosine) / np.maximum(g + cosine, 1e-9)
     other = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1)
-    out: FloatArray = 0.5 * ratio * ratio * (1 + other * other)
-    return out
+    return 0.5 * ratio * ratio * (1 + other * other)
 
 
 def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> FloatArray:
@@ -458,14 +454,12 @@ def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> Flo
     whole = fresnel(cosine, ior)
     straight_on = ((ior - 1) / (ior + 1)) ** 2
     grazing = np.maximum(whole - straight_on, 0) / np.maximum(1 - straight_on, 1e-6)
-    out: FloatArray = tint * whole + (1 - tint) * grazing
-    return out
+    return tint * whole + (1 - tint) * grazing
 
 
 def reflect_schlick(cosine: float, straight_on: FloatArray) -> FloatArray:
     """(n,): share of light that a metal reflects at a cosine, if it reflects straight_on (n,) at normal incidence."""
-    out: FloatArray = straight_on + (1 - straight_on) * (1 - cosine) ** 5
-    return out
+    return straight_on + (1 - straight_on) * (1 - cosine) ** 5
 
 
 def reflect_conductor(cosine: float, ior: FloatArray, extinction: FloatArray) -> FloatArray:
@@ -476,8 +470,7 @@ def reflect_conductor(cosine: float, ior: FloatArray, extinction: FloatArray) ->
     eta = ior + 1j * extinction
     inside = np.sqrt(eta**2 - (1 - cosine**2))
     across, along = (cosine - inside) / (cosine + inside), (eta**2 * cosine - inside) / (eta**2 * cosine + inside)
-    out: FloatArray = 0.5 * (np.abs(across) ** 2 + np.abs(along) ** 2)
-    return out
+    return 0.5 * (np.abs(across) ** 2 + np.abs(along) ** 2)
 
 
 @lru_cache(maxsize=1024)
@@ -503,8 +496,7 @@ def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0, samples: int = _S
     weight = mask(cosine, 2 * facing * half[2] - cosine, np.full_like(cosine, alpha))
 
     def mean(values: FloatArray) -> Float64:
-        out: Float64 = values.reshape(_ENTRIES, samples).mean(axis=1)
-        return out
+        return values.reshape(_ENTRIES, samples).mean(axis=1)
 
     albedo, at_edge = mean(weight), weight * (1 - facing) ** 5
     reflected = tinted_fresnel(facing, np.full_like(cosine, ior), np.full_like(cosine, tint))
@@ -534,15 +526,13 @@ def _give_back(
     mean = own + (1 - own) * (rising / np.float32(21))
     if dip is not None:
         mean = np.maximum(mean - np.divide(dip, share, out=np.zeros_like(dip), where=share > 0) / np.float32(126), 0)
-    out: FloatArray = 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * restored
-    return out
+    return 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * restored
 
 
 def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
     """Smith's Lambda of GGX. Source: Walter et al. 2007, eq. 34; Heitz 2014, eq. 72."""
     tangent2 = np.maximum(1 / (cosine * cosine) - 1, 0)
-    out: FloatArray = 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)
-    return out
+    return 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)
 
 
 def _choose(chance: FloatArray, numbers: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
@@ -561,10 +551,8 @@ def _find_place(row: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray
 
 def _look_up(table: Float32, before: IntArray, share: FloatArray) -> Float32:
     low = gather(table, before)
-    out: Float32 = low + (gather(table, before + 1) - low) * share.astype(np.float32)
-    return out
+    return low + (gather(table, before + 1) - low) * share.astype(np.float32)
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    out: FloatArray = np.einsum("kn,kn->n", a, b)
-    return out
+    return np.einsum("kn,kn->n", a, b)

@@ -26,5 +26,4 @@ def code_cells(scene: SceneSnapshot, tri: IntArray, bits: int) -> NDArray[np.int
     normal = triangle_normals_areas(corner)[0]
     axis = np.abs(normal).argmax(axis=1)
     facing = 2 * axis + (normal[np.arange(len(tri)), axis] < 0)
-    code: NDArray[np.int64] = facing << 3 * bits | place[:, 0] | place[:, 1] << 1 | place[:, 2] << 2
-    return code
+    return facing << 3 * bits | place[:, 0] | place[:, 1] << 1 | place[:, 2] << 2

@@ -49,8 +49,7 @@ class NormalMaps:
 
     def has(self, tri: IntArray) -> NDArray[np.bool_]:
         """(n,) bool: whether triangles (n,) have a map."""
-        found: NDArray[np.bool_] = gather(self.tri_image, tri) >= 0
-        return found
+        return gather(self.tri_image, tri) >= 0
 
     def look_up(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32) -> tuple[NDArray[np.int64], Float32]:
         """Rows (m,) int64 of those of n points that have a normal from a map, and the normals, (3, m) float32, unit.
@@ -90,8 +89,7 @@ class NormalMaps:
         tangent += bitangent
         tangent += normal
         tangent /= np.maximum(np.sqrt((tangent * tangent).sum(axis=0)), np.float32(1e-30))
-        turned: Float32 = tangent.astype(np.float32, copy=False)
-        return turned
+        return tangent.astype(np.float32, copy=False)
 
     def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[NDArray[np.int64], Float32]:
         """Rows (m,) int64 of those of n photons that meet a normal map, and factors (m,) float32 on their light.

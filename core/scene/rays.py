@@ -79,8 +79,7 @@ class RayScene:
         out                 (n,) bool
         """
         limit = np.array(distance, np.float32)  # a copy: embreex needs a writable array
-        blocked: NDArray[np.bool_] = self._embree.run(origin, direction, limit, query="OCCLUDED") >= 0
-        return blocked
+        return self._embree.run(origin, direction, limit, query="OCCLUDED") >= 0
 
 
 def load_ahead() -> None:

@@ -46,8 +46,7 @@ class SceneCover:
         """(n,) float64, unit box squared: the box's area seen along directions (n, 3)."""
         x, y, z = np.abs(direction.T.astype(np.float64))
         a, b, c = self.face_area
-        out: Float64 = x * a + y * b + z * c  # many times faster than a matrix product
-        return out
+        return x * a + y * b + z * c  # many times faster than a matrix product
 
     def choose_faces(self, u: Float32, weight: FloatArray) -> tuple[Float32, Float32]:
         """Choose axes by weights (n, 3) or (1, 3); returns `across` and u (n,) float32, rescaled to [0, 1] for further use.
@@ -67,5 +66,4 @@ class SceneCover:
         """(n, 3) float32: points (u, v) on the faces perpendicular to an axis; the upper face where at_high (n,) is 1, the lower for 0."""
         at_high, u, v = (number.astype(np.float32, copy=False) for number in (at_high, u, v))
         share = stack_columns(*(across[k] * at_high + across[k - 1] * u + across[k - 2] * v for k in range(3)))
-        out: Float32 = self.low + share * (self.high - self.low)
-        return out
+        return self.low + share * (self.high - self.low)

@@ -117,5 +117,4 @@ class _Search:
 
 def _overlap(low: Float64, high: Float64, other_low: Float64, other_high: Float64) -> NDArray[np.bool_]:
     """(n,) bool: whether the interiors of boxes (n, 3) intersect that of another (3,)."""
-    overlapping: NDArray[np.bool_] = ((low < other_high) & (high > other_low)).all(axis=1)
-    return overlapping
+    return ((low < other_high) & (high > other_low)).all(axis=1)

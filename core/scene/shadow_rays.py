@@ -131,8 +131,7 @@ class ShadowRays:
 def leave_through(position: Float32, direction: Float32, normal: Float32) -> Float32:
     """(3, n): origins of rays that go on through triangles, just beyond their far sides; position, direction, normal (3, n) float32."""
     side = np.copysign(np.float32(1), np.einsum("kn,kn->n", direction, normal))
-    out: Float32 = offset_origin(position, side * normal)
-    return out
+    return offset_origin(position, side * normal)
 
 
 def collapse(corners: Float32, kept: NDArray[np.bool_]) -> Float32:

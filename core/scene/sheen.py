@@ -89,8 +89,7 @@ def sample_sheen(view: FloatArray, a: FloatArray, b: FloatArray, numbers: FloatA
     x, y = (radius * np.cos(turn) - b * z) / a, radius * np.sin(turn) / a
     toward_x, toward_y = _find_azimuth(view)
     out = np.stack([x * toward_x - y * toward_y, x * toward_y + y * toward_x, z])
-    unit: FloatArray = out / np.sqrt((out * out).sum(axis=0))
-    return unit
+    return out / np.sqrt((out * out).sum(axis=0))
 
 
 def evaluate_sheen(view: FloatArray, out: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -101,8 +100,7 @@ def evaluate_sheen(view: FloatArray, out: FloatArray, a: FloatArray, b: FloatArr
     toward_x, toward_y = _find_azimuth(view)
     x, y = out[0] * toward_x + out[1] * toward_y, out[1] * toward_x - out[0] * toward_y
     length2 = (a * x + b * out[2]) ** 2 + (a * y) ** 2 + out[2] ** 2
-    density: FloatArray = (a / length2) ** 2 / np.pi
-    return density
+    return (a / length2) ** 2 / np.pi
 
 
 def _find_azimuth(view: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -148,8 +148,7 @@ class _Samples:
 
     def mean(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """(n_chosen,): means of values (n_point,) over the points of each part."""
-        out: NDArray[np.float64] = values.reshape(self._n, self._each).mean(axis=1, dtype=np.float64)
-        return out
+        return values.reshape(self._n, self._each).mean(axis=1, dtype=np.float64)
 
     def look(self, sign: int) -> tuple[NDArray[np.float64], ...]:
         """Shares of rays, (n_chosen,) each, that meet: a close surface; a close surface, the part itself or a back; the front of another

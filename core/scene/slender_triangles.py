@@ -63,8 +63,7 @@ def whole_parts(count: int) -> Float32:
 def find_between(corner: Float32, weight: Float32) -> Float32:
     """(n, k): linear interpolation of the corners' values (n, 3, k) at points with weights (n, 2) of corners 1 and 2."""
     first, second, third = corner.transpose(1, 0, 2)
-    out: Float32 = first + weight[:, :1] * (second - first) + weight[:, 1:] * (third - first)
-    return out
+    return first + weight[:, :1] * (second - first) + weight[:, 1:] * (third - first)
 
 
 def find_corners(corner: Float32, part: Float32) -> Float32:

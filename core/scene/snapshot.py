@@ -115,8 +115,7 @@ def _read_header(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> dict[s
         raise ValueError(
             f"{path}: holds snapshot version {version}, this Leaflight reads version {FORMAT_VERSION}; export the scene again."
         )
-    found: dict[str, Any] = header
-    return found
+    return header
 
 
 def _build_snapshot(

@@ -60,5 +60,4 @@ class SurfaceCells:
         row = np.clip((v * edge).astype(np.int64), 0, edge - 1)
         column = np.clip((u * edge).astype(np.int64), 0, edge - 1 - row)
         upside_down = (u * edge - column + v * edge - row > 1.0) & (column + row < edge - 1)
-        cell: NDArray[np.int64] = self.start[side, tri] + row * (2 * edge - row) + 2 * column + upside_down
-        return cell
+        return self.start[side, tri] + row * (2 * edge - row) + 2 * column + upside_down

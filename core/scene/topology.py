@@ -87,8 +87,7 @@ def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, 
     same = edge[here] == edge[after]
     here, after = here[same], after[same]
     met = np.where(start[here] != start[after], side[::-1, after], side[:, after])
-    joined: Int64 = join_sets(len(vertex_position), side[:, here].ravel(), met.ravel())[vertex]
-    return joined
+    return join_sets(len(vertex_position), side[:, here].ravel(), met.ravel())[vertex]
 
 
 def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:

@@ -13,5 +13,4 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec.709. Source: ITU
 def weigh_channels(rgb: FloatArray) -> NDArray[np.float64]:
     """(n,) float64: mean of luminance and channel mean of (n, 3): by luminance alone, a blue light would get too few samples."""
     red, green, blue = np.asarray(rgb, np.float64).T * (0.5 * LUMINANCE + 0.5 / 3)[:, None]  # a matrix product would start threads
-    out: NDArray[np.float64] = red + green + blue
-    return out
+    return red + green + blue

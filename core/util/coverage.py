@@ -149,8 +149,7 @@ def _clip_half_plane(along: Float64, across: Float64, polygon: Int64, sign: floa
 
 def _first_of_polygon(polygon: Int64) -> Int64:
     begins = np.append(True, polygon[1:] != polygon[:-1])
-    first: Int64 = np.flatnonzero(begins)[np.cumsum(begins) - 1]
-    return first
+    return np.flatnonzero(begins)[np.cumsum(begins) - 1]
 
 
 def piece_moments(pieces: Pieces, degree: int) -> Float64:

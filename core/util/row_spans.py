@@ -74,8 +74,7 @@ def _spans_of_rows(uv: Float64, tri: Int64, row: Int64) -> Int32:
     full_start, full_end = np.ceil(inner_left), np.floor(inner_right)
     some = full_end > full_start
     full_start, full_end = np.where(some, full_start, touched_start), np.where(some, full_end, touched_start)
-    spans: Int32 = np.stack([tri, row, touched_start, touched_end, full_start, full_end]).astype(np.int32)
-    return spans
+    return np.stack([tri, row, touched_start, touched_end, full_start, full_end]).astype(np.int32)
 
 
 def _side_at(one: Float64, other: Float64, line: Float64) -> tuple[Float64, NDArray[np.bool_]]:

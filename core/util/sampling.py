@@ -162,8 +162,7 @@ def square_to_cosine_hemisphere(u: FloatArray) -> FloatArray:
 
 def cosine_hemisphere_pdf(cosine: FloatArray) -> FloatArray:
     """Density of square_to_cosine_hemisphere, per steradian, at the cosine to +Z."""
-    out: FloatArray = np.maximum(cosine, 0) / math.pi
-    return out
+    return np.maximum(cosine, 0) / math.pi
 
 
 def square_to_uniform_sphere(u: FloatArray) -> FloatArray:

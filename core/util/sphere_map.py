@@ -22,8 +22,7 @@ _TINY = 1e-300  # keeps 0 / 0 at 0
 def find_solid_angles(height: int, width: int) -> Float64:
     """(height,) float64: steradians of a cell in each row of a map."""
     edge = np.cos(np.pi / height * np.arange(height + 1))
-    out: Float64 = (edge[:-1] - edge[1:]) * (2 * np.pi / width)
-    return out
+    return (edge[:-1] - edge[1:]) * (2 * np.pi / width)
 
 
 def place_in_cells(shape: tuple[int, ...], cell: IntArray, along: FloatArray, up: FloatArray) -> Float32:
@@ -64,8 +63,7 @@ def find_cells(shape: tuple[int, ...], direction: FloatArray) -> IntArray:
     x, y, z = np.asarray(direction, np.float64).T
     column = np.floor((0.5 - np.arctan2(y, x) / (2 * np.pi)) * width).astype(np.int64) % width
     row = np.clip(np.floor((np.arctan2(z, np.hypot(x, y)) / np.pi + 0.5) * height).astype(np.int64), 0, height - 1)
-    out: IntArray = row * width + column
-    return out
+    return row * width + column
 
 
 class LineTable:
@@ -140,5 +138,4 @@ class CellTable:
         """(n,) float64, per steradian: density of sample() at unit directions (n, 3)."""
         cell = find_cells(self.weight.shape, direction)
         solid_angle = find_solid_angles(*self.weight.shape)[cell // self.weight.shape[1]]
-        out: Float64 = self.weight.ravel()[cell] / self.weight.sum() / solid_angle
-        return out
+        return self.weight.ravel()[cell] / self.weight.sum() / solid_angle

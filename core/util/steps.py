@@ -37,8 +37,7 @@ def run_steps(steps: Generator[Any, Any, T], watch: Callable[[Any], None] = lamb
         try:
             watch(next(steps))
         except StopIteration as end:
-            result: T = end.value
-            return result
+            return end.value
 
 
 def run_aside(call: Callable[[], T]) -> Steps[T]:
