@@ -5,17 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..util.arrays import Float64, Int64
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
-
-Float64: TypeAlias = NDArray[np.float64]
-Int32: TypeAlias = NDArray[np.int32]
-Int64: TypeAlias = NDArray[np.int64]
 
 _WIDTHS = (0.6, 0.75, 0.95, 1.2)  # candidate widths, relative to the side of a square of the same area as the charts' boxes with padding
 

@@ -7,24 +7,17 @@ Source: Lipman 2014, "Bijective mappings of meshes with boundary and the degree 
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import join_sets
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.coverage import expand_ranges
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
-Bool: TypeAlias = NDArray[np.bool_]
 
 _MOST_SIDES = 1 << 10  # of a chart's border; all pairs are compared
 _PAIRS_AT_ONCE = 1 << 16  # to bound memory, and to stay in the cache
 
 
-def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, shared: Bool) -> Bool:
+def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, shared: BoolArray) -> BoolArray:
     """(n_chart,) bool: charts that provably do not overlap themselves; False does not prove the opposite.
 
     tri_vertex   (n, 3) int
@@ -55,7 +48,7 @@ def _cross(one: Float64, other: Float64) -> Float64:
     return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
 
 
-def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: Bool) -> Int64:
+def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: BoolArray) -> Int64:
     """Triangles with a shared side whose two directions are not equally frequent in their chart."""
     tri, side = np.nonzero(shared)
     start, end = tri_vertex[tri, side], tri_vertex[tri, (side + 1) % 3]
@@ -79,7 +72,7 @@ def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, I
     return number[: len(chart)], number[len(chart) :]
 
 
-def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> Bool:
+def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> BoolArray:
     """(n_chart,) bool: charts with exactly one counterclockwise loop. Loops that meet count as one; _find_crossed rejects them."""
     if not len(chart):  # charts without borders are closed, so some of their triangles are flipped
         return np.zeros(n_chart, bool)

@@ -12,14 +12,14 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.digest import hash_code, hash_pieces
 from ..util.file_names import clean_name
 from ..util.files import load_arrays, save_whole
 from ..util.job import Job
 from .unwrap import Unwrapping
 
-Charts: TypeAlias = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]  # results of Unwrapping.finish
+Charts: TypeAlias = tuple[Int64, Float64, BoolArray]  # results of Unwrapping.finish
 
 _ROW = np.dtype([("chart", np.int32), ("uv", np.float64, (3, 2)), ("shared", np.bool_, 3)])  # one triangle
 
@@ -59,7 +59,7 @@ class ChartCache:
             return cls()
 
     def begin(
-        self, tri_position: NDArray[np.float64], tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
+        self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
     ) -> Unfolding:
         """Begin to make the charts of some objects, unless they are known; arguments are as for Unwrapping."""
         # Labels start at numbers that depend on earlier objects, which has no effect on the charts.

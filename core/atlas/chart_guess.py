@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import join_sets, pair_sides
-from ..util.arrays import IntArray
+from ..util.arrays import Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
-
-Int64: TypeAlias = NDArray[np.int64]
 
 _SMOOTH = 0.7  # least cosine between neighbours of one chart: 45 degrees
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # as in scene.topology
 
 
-def guess_charts(corner: NDArray[np.float64], tri_object: IntArray, count: int) -> Int64:
+def guess_charts(corner: Float64, tri_object: IntArray, count: int) -> Int64:
     """(count,) int64: approximate number of charts of each object.
 
     A chart is taken to be a connected part that faces one of six directions and has no edge sharper than 45 degrees. So a ball has six
@@ -38,7 +33,7 @@ def guess_charts(corner: NDArray[np.float64], tri_object: IntArray, count: int) 
     return np.bincount(tri_object[first], minlength=count)
 
 
-def _number_corners(corner: NDArray[np.float64]) -> Int64:
+def _number_corners(corner: Float64) -> Int64:
     """(n, 3) int64: numbers of corners, equal at equal positions: files often have a vertex once for each of its normals."""
     mixed = np.zeros(corner.shape[:2], np.uint64)
     for axis in range(3):

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
 from ..scene.topology import join_open_sides
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from ..util.messages import Status
 from ..util.progress import Watch, unwatched
@@ -21,10 +19,6 @@ from .layer_check import check_layer, label_charts
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .sharing import Block, find_blocks, find_copies, follow_charts
 from .unfolding import UnfolderDied
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
-Bool: TypeAlias = NDArray[np.bool_]
 
 _NO_FACES = "no face can be baked, so it gets no lightmap; give it faces with an area, or leave it out of the bake"
 _NO_LAYER = "no face can be baked as the UV layer has it, so it gets no lightmap; mend the layer, or have it unwrapped instead"
@@ -97,7 +91,7 @@ class _Search:
         self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
         self._worn = self._find_worn()
-        self._unwrapped: dict[int, tuple[Int64, Float64, Bool]] = {}  # charts by their owner
+        self._unwrapped: dict[int, tuple[Int64, Float64, BoolArray]] = {}  # charts by their owner
         owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
         self._begun: deque[tuple[list[int], Unfolding]] = deque()  # owners of each request
@@ -135,7 +129,7 @@ class _Search:
         chart, shared = label_charts(self._vertex[rows], scene.tri_corner[rows], uv, np.where(check.usable, 0, -1))
         return self._keep(i, chart, np.clip(uv, 0.0, 1.0), shared)
 
-    def find_solid(self, i: int) -> Bool:
+    def find_solid(self, i: int) -> BoolArray:
         """(n,) bool: whether an object's triangles have an area in space."""
         return triangle_normals_areas(self.snapshot.vertex_position[self.snapshot.tri_vertex[self._rows(i)]])[1] > 0
 
@@ -202,7 +196,7 @@ class _Search:
             self._ahead += len(rows)
             yield
 
-    def _keep(self, i: int, chart: Int64, uv: Float64, shared: Bool) -> int:
+    def _keep(self, i: int, chart: Int64, uv: Float64, shared: BoolArray) -> int:
         rows = self._rows(i)
         self.chart[rows], self.uv[rows], self.shared[rows] = chart, uv, shared
         return int(chart.max(initial=-1)) + 1

@@ -6,12 +6,12 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NoReturn, TypeAlias
+from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
+from ..util.arrays import Float64, Int32, Int64
 from ..util.messages import Status
 from ..util.progress import Watch, unwatched
 from ..util.settings import MAX_PAGE_SIZE_TEXELS, Settings
@@ -23,10 +23,6 @@ from .even_out import even_out
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
 from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
-
-Float64: TypeAlias = NDArray[np.float64]
-Int32: TypeAlias = NDArray[np.int32]
-Int64: TypeAlias = NDArray[np.int64]
 
 _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
@@ -53,13 +49,13 @@ class ChartAtlas:
 
     page_size: int
     page_count: int
-    tri_chart: NDArray[np.int32]
-    tri_uv: NDArray[np.float64]
-    chart_page: NDArray[np.int32]
-    chart_object: NDArray[np.int32]
-    object_page: NDArray[np.int32]
-    object_block: NDArray[np.int32]
-    object_place: NDArray[np.float64]
+    tri_chart: Int32
+    tri_uv: Float64
+    chart_page: Int32
+    chart_object: Int32
+    object_page: Int32
+    object_block: Int32
+    object_place: Float64
     warnings: tuple[tuple[str, str], ...]
 
 

@@ -14,18 +14,15 @@ one density. So large objects keep at least half of their texels, or 71 % of the
 from __future__ import annotations
 
 import dataclasses
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
+from ..util.arrays import BoolArray, Float64
 from ..util.geometry import triangle_normals_areas
 from ..util.settings import Settings
 from .packing import Page
 from .page_plan import count_usual_texels
-
-Float64: TypeAlias = NDArray[np.float64]
 
 USABLE = 1024.0  # texels of an object, 32 x 32: a side of a box then has 13 x 13, which hold a gradient and the edge of a shadow
 _MOST_SHARE = 0.5  # of a page, for all small objects together
@@ -36,7 +33,7 @@ def acts(settings: Settings) -> bool:
     return settings.even_out and settings.atlas and settings.density == 0.0
 
 
-def find_factors(area_m2: Float64, is_set: NDArray[np.bool_], texels: float) -> Float64:
+def find_factors(area_m2: Float64, is_set: BoolArray, texels: float) -> Float64:
     """(n,) float64, at least 1: density of each object relative to that of large objects.
 
     area_m2   (n,) float64   surface areas times the squared density factors that are set

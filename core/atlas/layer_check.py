@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import join_sets, pair_corners
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int32, Int64, IntArray
 from ..util.row_spans import find_row_spans
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
-Bool: TypeAlias = NDArray[np.bool_]
 
 _SAME_UV = 1e-5  # pages; UVs nearer than this are one point, since rounding to float32 may have moved them
 _PAGE_TOLERANCE = 1e-5  # pages; rounding may move a UV this far off its page
@@ -29,13 +23,13 @@ _MAX_RASTER_TEXELS = 2e7
 class LayerCheck:
     """Result of a check: usable (n_tri,) bool are the triangles that can be baked; findings are sentences with what to do."""
 
-    usable: Bool
+    usable: BoolArray
     findings: tuple[str, ...]
 
 
 def label_charts(
     tri_vertex: IntArray, tri_corner: IntArray, tri_uv: Float64, tri_group: IntArray, same_uv: float | Float64 = _SAME_UV
-) -> tuple[Int64, Bool]:
+) -> tuple[Int64, BoolArray]:
     """Charts: triangles of one group that share a corner, or an edge with the same UVs at both its ends.
 
     tri_vertex   (n, 3) int
@@ -67,7 +61,7 @@ def label_charts(
     return chart, shared.reshape(-1, 3)
 
 
-def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64) -> tuple[Int64, Bool]:
+def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64) -> tuple[Int64, BoolArray]:
     """Sides ordered by group and edge, and by UV if an edge has more than two, without those of no group; and whether each but the last has
     the edge of the next one.
 
@@ -78,7 +72,7 @@ def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64
     edge = low.astype(np.int64) * (int(high.max(initial=0)) + 1) + high  # one number is sorted faster than two
     order = np.lexsort((edge, group))[np.count_nonzero(group < 0) :]
     here, after = order[:-1], order[1:]
-    is_one_edge: Bool = (edge[here] == edge[after]) & (group[here] == group[after])
+    is_one_edge: BoolArray = (edge[here] == edge[after]) & (group[here] == group[after])
     run = np.cumsum(np.append(np.zeros(len(order[:1]), bool), ~is_one_edge))
     crowded = np.flatnonzero(np.bincount(run)[run] > 2) if len(run) else run
     rows = order[crowded]
@@ -95,7 +89,7 @@ def signed_areas(tri_uv: Float64) -> Float64:
     return 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
 
 
-def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerCheck:
+def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: BoolArray) -> LayerCheck:
     """Find the triangles of an existing layer that can be baked.
 
     tri_uv        (n, 3, 2) float64, pages
@@ -123,7 +117,7 @@ def check_layer(tri_uv: Float64, tri_polygon: IntArray, solid: Bool) -> LayerChe
     return LayerCheck(usable, tuple(findings))
 
 
-def find_overlaps(tri_uv: Float64) -> Bool:
+def find_overlaps(tri_uv: Float64) -> BoolArray:
     """Triangles that overlap others: on a raster, one covers a whole texel that the other touches.
 
     tri_uv   (n, 3, 2) float64, pages, within 0 to 1; no triangle without area
@@ -156,7 +150,7 @@ def _inset(uv: Float64) -> Float64:
     return centre[:, None] + factor[:, None, None] * (uv - centre[:, None])
 
 
-def _count_texels(start: Int64, end: Int64, size: int) -> NDArray[np.int32]:
+def _count_texels(start: Int64, end: Int64, size: int) -> Int32:
     """(size * size,) int32: number of ranges that contain each texel. With few triangles on a large raster this is most of the work."""
     change = np.bincount(start, minlength=size * size + 1)
     change -= np.bincount(np.maximum(end, start), minlength=size * size + 1)

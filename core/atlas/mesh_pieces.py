@@ -7,16 +7,10 @@ cost nothing and stay together. In dense pieces, xatlas also grows small charts 
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import join_sets
-from ..util.arrays import IntArray
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
+from ..util.arrays import Float64, Int64, IntArray
 
 _MOST_FACETS = 1 << 11  # with half as many more, xatlas takes half as long again on rough grounds, and hardly more texels fit on a page
 _DENSE_FACETS = 1 << 10  # pieces with fewer grow large charts in little time

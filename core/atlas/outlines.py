@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..util.arrays import BoolArray, Float64, Int64
 from ..util.coverage import expand_ranges
 from .layer_check import signed_areas
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
 
 _TURNS = 24  # angles tried in a quarter turn, to find the smallest box
 _POINTS_AT_ONCE = 1 << 16  # points of all turns together, to bound memory
@@ -35,7 +31,7 @@ class Outlines:
     start: Int64
     extent: Float64
     area: Float64
-    rigid: NDArray[np.bool_]
+    rigid: BoolArray
 
     @property
     def edge_chart(self) -> Int64:
@@ -53,7 +49,7 @@ class Outlines:
         return Outlines(self.edge * size, self.start, self.extent * size, self.area * size**2, self.rigid)
 
 
-def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Float64:
+def straighten_charts(uv: Float64, chart: Int64, shared: BoolArray, n_chart: int) -> Float64:
     """Charts rotated to the smallest box and moved to 0. The angles tried are that of the longest border edge and _TURNS even steps.
 
     uv       (n, 3, 2) float64
@@ -80,7 +76,7 @@ def straighten_charts(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_ch
     return turned - low[chart][:, None]
 
 
-def measure_outlines(uv: Float64, chart: Int64, shared: NDArray[np.bool_], n_chart: int) -> Outlines:
+def measure_outlines(uv: Float64, chart: Int64, shared: BoolArray, n_chart: int) -> Outlines:
     """The borders of charts whose smallest coordinates are 0; none is rigid.
 
     uv, chart, shared   as in straighten_charts
@@ -109,7 +105,7 @@ def _box_areas(edge: Float64, edge_chart: Int64, angles: Float64) -> Float64:
     return areas
 
 
-def _border(uv: Float64, chart: Int64, shared: NDArray[np.bool_]) -> tuple[Float64, Int64]:
+def _border(uv: Float64, chart: Int64, shared: BoolArray) -> tuple[Float64, Int64]:
     tri, side = np.nonzero(~shared)
     return np.stack([uv[tri, side], uv[tri, (side + 1) % 3]], axis=1), chart[tri]
 

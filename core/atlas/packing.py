@@ -8,18 +8,13 @@ Measured against xatlas's own packer (100 and 1,000 rectangles, 1,024 texels, pa
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from ..util.arrays import Float64, Int32, Int64
 from ..util.coverage import expand_ranges
 from .outlines import Outlines
-
-Float64: TypeAlias = NDArray[np.float64]
-Int32: TypeAlias = NDArray[np.int32]
-Int64: TypeAlias = NDArray[np.int64]
 
 _ROUNDING = 1e-6  # tolerance, texels, by which a chart may reach over the edge of a texel
 _MAX_COLUMNS = 1024  # a wider page is searched in steps of several texels

@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..util.arrays import BoolArray, Float64
 from .packing import Page
-
-Float64: TypeAlias = NDArray[np.float64]
 
 FILLED_SHARE = 0.9  # share of a page that charts with their gaps fill
 _USUAL_GAPS = 20.0  # number of paddings along a page's side, with the charts of a usual scene
@@ -65,7 +63,7 @@ class ChartDemand:
         """Density in texels/m at which the charts are as wide as their gaps, in the mean."""
         return find_gap(page) * math.sqrt(float(self.count.sum()) / float(self.box_m2.sum()))
 
-    def keep(self, kept: NDArray[np.bool_]) -> ChartDemand:
+    def keep(self, kept: BoolArray) -> ChartDemand:
         """The demand of the objects `kept` (n,) bool."""
         return ChartDemand(self.count[kept], self.box_m2[kept], self.extent_m[kept])
 

@@ -8,16 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
 from operator import itemgetter
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import BoolArray, Float64, FloatArray, IntArray
 from ..util.geometry import triangle_normals_areas
-
-Float64: TypeAlias = NDArray[np.float64]
 
 MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges relative to its charts'; beyond it texels are needles
 MAX_SIZE_RATIO = 4.0  # greatest ratio of sizes to the owner of the charts, either way; gaps are as wide as the smallest object needs
@@ -129,7 +125,7 @@ def group_alike(log_length: Float64) -> list[list[int]]:
     return groups
 
 
-def follow_charts(corner: IntArray, leader_corner: IntArray, uv: Float64, shared: NDArray[np.bool_]) -> tuple[Float64, NDArray[np.bool_]]:
+def follow_charts(corner: IntArray, leader_corner: IntArray, uv: Float64, shared: BoolArray) -> tuple[Float64, BoolArray]:
     """The UVs and shared sides of an object's triangles, from those of the object that was unwrapped.
 
     corner, leader_corner   (n, 3) int: the same three in each row, in any order

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import pair_corners
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .chart_borders import find_plain_charts
 from .layer_check import find_overlaps, label_charts, signed_areas
 from .unwrap_question import Question, project, sum_by
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
-Bool: TypeAlias = NDArray[np.bool_]
 
 _LEAST_STRETCH = 1e-3  # least UV area over area in space; a triangle with less is unfolded on its own
 
@@ -49,7 +43,7 @@ class Unwrapping:
         """Give up the charts."""
         self._asked.cancel()
 
-    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, Bool]:
+    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, BoolArray]:
         """Charts without overlap, each with its area in space as UV area; a corner has one UV in all triangles of its polygon.
 
         watch   called regularly while xatlas works, with the current object and its number of finished triangles; it may raise
@@ -78,12 +72,12 @@ class Unwrapping:
         uv[used] *= np.sqrt(np.divide(wanted, laid, out=np.ones(len(wanted)), where=laid > 0))[chart[used], None, None]
         return chart, uv, shared
 
-    def _label(self, group: Int64, uv: Float64) -> tuple[Int64, Bool]:
+    def _label(self, group: Int64, uv: Float64) -> tuple[Int64, BoolArray]:
         extent = np.zeros(self._object.max(initial=-1) + 1)
         np.maximum.at(extent, self._object, np.abs(uv).max(axis=(1, 2)))
         return label_charts(self._vertex, self._corner, uv, group, same_uv=1e-12 * extent[self._object])
 
-    def _find_overlaps(self, group: Int64, uv: Float64, chart: Int64, shared: Bool) -> Bool:
+    def _find_overlaps(self, group: Int64, uv: Float64, chart: Int64, shared: BoolArray) -> BoolArray:
         """(n,) bool: triangles that overlap others of their chart, at the resolution of a raster; provably injective charts are skipped."""
         used = np.flatnonzero(chart >= 0)
         doubtful = used[~find_plain_charts(self._vertex, uv, chart, shared)[chart[used]]]
@@ -92,7 +86,7 @@ class Unwrapping:
             found[rows] = _find_overlaps_in_charts(group[rows], uv[rows])
         return found
 
-    def _take_out(self, bad: Bool, alone: Bool, group: Int64, uv: Float64) -> Int64:
+    def _take_out(self, bad: BoolArray, alone: BoolArray, group: Int64, uv: Float64) -> Int64:
         """Give each polygon with a bad triangle a chart of its own, in place. Returns the triangles of these, which become `alone`."""
         broken = np.zeros(self._polygon.max(initial=-1) + 1, bool)
         broken[self._polygon[bad]] = True
@@ -115,11 +109,11 @@ def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
     return tri_position - 0.5 * (low + high)[tri_object][:, None]
 
 
-def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
+def _find_overlaps_in_charts(group: Int64, uv: Float64) -> BoolArray:
     """(n,) bool: triangles that overlap others of their chart, at the resolution of a raster on which all charts are packed on shelves."""
     chart = np.unique(group, return_inverse=True)[1].ravel()
     area = signed_areas(uv)
-    overlapping: Bool = area == 0
+    overlapping: BoolArray = area == 0
     if overlapping.all():
         return overlapping
     low, high = np.full((chart.max() + 1, 2), np.inf), np.full((chart.max() + 1, 2), -np.inf)
@@ -140,7 +134,7 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> Bool:
     return overlapping
 
 
-def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -> Int64:
+def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: BoolArray) -> Int64:
     """Triangles, among those used, with a corner that has another UV or chart in another triangle."""
     one, other = pair_corners(tri_corner, used)
     flat_uv = uv.reshape(-1, 2)
@@ -148,7 +142,7 @@ def _torn_corners(group: Int64, uv: Float64, tri_corner: IntArray, used: Bool) -
     return np.concatenate([one[torn], other[torn]]) // 3
 
 
-def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: Bool) -> Float64:
+def _unfold_polygons(position: Float64, normal: Float64, area: Float64, polygon: Int64, tri_corner: IntArray, tried: BoolArray) -> Float64:
     """(n, 3, 2) float64: UVs of polygons, each unfolded on its own: quads are hinged at their diagonal, which is isometric, others are
     projected onto their plane. A polygon that folds over or winds twice about a corner there, or was `tried` before, is laid on a circle.
 

@@ -7,22 +7,16 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import join_sets, pair_sides
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import orthonormal_basis
 from .layer_check import signed_areas
 from .mesh_pieces import is_dense, split_part
 from .unfolding import UnfolderDied, give_up, unfold_meshes, wait_for
 from .xatlas_process import Mesh, Unfolded
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
-Bool: TypeAlias = NDArray[np.bool_]
 
 _LARGEST_COORDINATE = 1e5  # float32 then still resolves 1 % of a triangle of median size
 _AT_ONCE = 1 << 14  # triangles per request, 0.1 s to a few seconds of work
@@ -171,7 +165,7 @@ def _restore_proportions(position: Float64, uv: Float64, area: Float64, group: I
     return uv * scale[group][:, None]
 
 
-def _project_flat_charts(position: Float64, normal: Float64, area: Float64, group: Int64) -> tuple[Bool, Float64]:
+def _project_flat_charts(position: Float64, normal: Float64, area: Float64, group: Int64) -> tuple[BoolArray, Float64]:
     """(n,) bool: whether triangles are in flat charts; and (n, 3, 2): all projected onto their charts' planes, exact for flat charts."""
     n_chart = group.max(initial=-1) + 1
     axis = sum_by(group, normal * area[:, None], n_chart)
@@ -183,7 +177,7 @@ def _project_flat_charts(position: Float64, normal: Float64, area: Float64, grou
     np.maximum.at(height, group, np.abs(_dot(offset, axis[group][:, None])).max(axis=1))
     np.maximum.at(extent, group, np.abs(offset).max(axis=(1, 2)))
     facing = (normal * axis[group]).sum(axis=1) > 0
-    is_flat: Bool = (height <= _FLATNESS * extent)[group] & (np.bincount(group, ~facing, n_chart) == 0)[group]
+    is_flat: BoolArray = (height <= _FLATNESS * extent)[group] & (np.bincount(group, ~facing, n_chart) == 0)[group]
     return is_flat, project(offset, axis[group])
 
 

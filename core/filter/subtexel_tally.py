@@ -21,8 +21,8 @@ from ..radiosity.tally import ShardTally, Tally, deposit, with_direct
 from ..texels.error_metric import DARK_FLOOR
 from ..texels.texel_map import LOOK, TexelMap
 from ..util.ablation import uses
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import Float64, clip_to_texels
+from ..util.arrays import Float64, FloatArray, IntArray
+from ..util.coverage import clip_to_texels
 
 _LEAST_SHARE = 0.02  # of a square's area on the triangle at its centre; a smaller part receives too few photons
 _RADIUS = 4  # texels; the difference of leaves and squares is averaged over this neighbourhood

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..util.ablation import uses
-from ..util.arrays import Float64, FloatArray, IntArray
+from ..util.arrays import Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
 from ..util.sphere_map import find_solid_angles
 from .direct_lights import Aim
 from .direct_points import LIGHT_PLACE, MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .environment_table import EnvironmentTable, PatchChoice
-from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, gather_until_sure
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, gather_until_sure
 
 _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
 _AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector

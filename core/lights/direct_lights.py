@@ -10,9 +10,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
 from ..util.sphere_map import find_cells
@@ -173,7 +172,7 @@ class ProfileSource(PointSource):
     x_axis: Float32
     y_axis: Float32
     z_axis: Float32
-    profile: NDArray[np.int64]
+    profile: Int64
     profiles: tuple[Float32, ...]
 
     def rows(self, index: IntArray) -> ProfileSource:
@@ -281,7 +280,7 @@ class TriangleSource:
     corners: Float32
     normal: Float32
     area: Float32
-    front_only: NDArray[np.bool_]
+    front_only: BoolArray
     is_sharp: bool = False
 
     def rows(self, index: IntArray) -> TriangleSource:

@@ -15,7 +15,7 @@ from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_footprint import TexelLooks
 from ..texels.texel_grid import interleave_bits
-from ..util.arrays import Float32, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64, IntArray
 from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from .direct_lights import Aim
 
@@ -56,7 +56,7 @@ def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]
     return out
 
 
-def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], NDArray[np.int64]]:
+def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], Int64]:
     """Ranks of each stage's points in the Morton order of their strata, in which successive points are near each other.
 
     Digital shifts permute whole strata, so this stays true.
@@ -101,7 +101,7 @@ class Receivers:
     position: Float32
     normal: Float32
     side: Float32
-    bumped: NDArray[np.bool_] | None = None
+    bumped: BoolArray | None = None
 
     def rows(self, index: IntArray) -> Receivers:
         side = take_rows(self.side, index)
@@ -144,7 +144,7 @@ class ReceivingSurfaces:
     corner_unit: Float32
     normal: Float32
     tri_frame: Float32
-    smooth: NDArray[np.bool_]
+    smooth: BoolArray
     shading_normal: Float32
     maps: NormalMaps | None = None
 
@@ -201,8 +201,8 @@ class Bumps:
     """
 
     maps: NormalMaps
-    bumped: NDArray[np.bool_]
-    tri: NDArray[np.int32]
+    bumped: BoolArray
+    tri: Int32
     weight: Float32
 
     def put_normals(self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray) -> None:
@@ -233,7 +233,7 @@ class LookFrames:
     position: Float32
     side: Float32
     normal: Float32 | None
-    smooth: NDArray[np.bool_] | None
+    smooth: BoolArray | None
     bumps: Bumps | None = None
 
     def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
@@ -280,11 +280,11 @@ class TexelChunk:
         return len(self._looks)
 
     @property
-    def tri(self) -> NDArray[np.int32]:
+    def tri(self) -> Int32:
         """(n,) int32: triangle of each texel's representative point."""
         return self._looks.tri[: len(self)]
 
-    def have_bumps(self, rows: IntArray) -> NDArray[np.bool_]:
+    def have_bumps(self, rows: IntArray) -> BoolArray:
         """(m,) bool: whether texels rows (m,) have a normal map."""
         return self._frames.bumps.bumped[rows] if self._frames.bumps else np.zeros(len(rows), bool)
 
@@ -315,10 +315,10 @@ def each_chunk(
     surfaces: ReceivingSurfaces,
     look_at: Callable[[IntArray], TexelLooks],
     texel: IntArray,
-    tri_two_sided: NDArray[np.bool_],
+    tri_two_sided: BoolArray,
     rng: np.random.Generator,
     most: int,
-) -> Iterator[tuple[NDArray[np.int64], TexelChunk]]:
+) -> Iterator[tuple[Int64, TexelChunk]]:
     """Chunks of at most `most` of texels (n,): indices (m,) int64 into `texel`, ascending, and the chunk. Texels on two-sided triangles,
     (n_tri,) bool, come twice, since their backs receive light too.
     """

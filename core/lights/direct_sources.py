@@ -8,10 +8,9 @@ from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene import Light, SceneSnapshot
-from ..util.arrays import Float32, Float64
+from ..util.arrays import BoolArray, Float32, Float64, Int64
 from ..util.geometry import UnitBox, triangle_normals_areas
 from .direct_lights import AreaSource, PointSource, ProfileSource, Source, SunSource, TriangleSource, WorldSource, source_values
 from .emitters import usable_power, usable_world
@@ -45,7 +44,7 @@ def make_world(snapshot: SceneSnapshot) -> list[Source]:
     return [WorldSource(world[None])] if world.any() else []
 
 
-def join_sources(sources: Sequence[Source]) -> list[tuple[Source, NDArray[np.int64]]]:
+def join_sources(sources: Sequence[Source]) -> list[tuple[Source, Int64]]:
     """Sources with all lights of a kind joined, and the indices of the given sources in each."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for number, source in enumerate(sources):
@@ -109,9 +108,7 @@ def _one(value: float) -> Float32:
     return np.array([value], np.float32)
 
 
-def make_triangle_sources(
-    cells: EmittingCells, corner_unit: Float32, normal: Float32, tri_sealed: NDArray[np.bool_] | None = None
-) -> list[Source]:
+def make_triangle_sources(cells: EmittingCells, corner_unit: Float32, normal: Float32, tri_sealed: BoolArray | None = None) -> list[Source]:
     """Sources of one triangle each, for the triangles of cells of constant radiance.
 
     tri_sealed   (n_tri,) bool: as in emitters.EmittingMeshes; None for none

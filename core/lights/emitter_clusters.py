@@ -10,12 +10,11 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import dot_rows, take_rows
 from .direct_points import Receivers, row_pieces
-from .stratified_choice import Clusters, Int64, sort_by_place
+from .stratified_choice import Clusters, sort_by_place
 
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance, in units of a node's `square`, below which its children are evaluated
@@ -52,7 +51,7 @@ class EmitterClusters:
     last: Int64
     below: Int64
     count: Int64
-    sealed: NDArray[np.bool_]
+    sealed: BoolArray
     weight: Float32
     centre: Float32
     normal: Float32
@@ -61,7 +60,7 @@ class EmitterClusters:
     extent: Float32
 
     @classmethod
-    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: NDArray[np.bool_]) -> EmitterClusters:
+    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: BoolArray) -> EmitterClusters:
         """The forest over cells (n,) in the order of `order_cells`: weight (n,), centre and normal (n, 3), squared size (n,), unit box."""
         weight = weight / max(float(weight.max()), 1e-300)
         starts = [cut_by_spread(weight, np.concatenate([centre / _AT_RIGHT_ANGLES, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
@@ -189,7 +188,7 @@ def _estimate(
     reach: Float32,
     own_square: Float32,
     spread: Float32,
-    sealed: NDArray[np.bool_],
+    sealed: BoolArray,
 ) -> Float32:
     """Importance for unit weight: height * facing / (square * (square + own_square)), that is cos * cos' / (r^2 + own_square).
 
@@ -209,7 +208,7 @@ def _estimate(
     return out
 
 
-def order_cells(centre: FloatArray, normal: FloatArray, sealed: NDArray[np.bool_]) -> Int64:
+def order_cells(centre: FloatArray, normal: FloatArray, sealed: BoolArray) -> Int64:
     """Order of cells (n,): unsealed cells first, then by normal and along a Morton curve, so that runs are compact."""
     by_place = sort_by_place(centre, normal)
     return by_place[np.argsort(sealed[by_place], kind="stable")]

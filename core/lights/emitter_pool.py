@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..scene.materials import SurfaceMaterials
 from ..scene.shadow_rays import ShadowRays
 from ..scene.slender_triangles import find_corners, whole_parts
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
 from .direct_lights import Aim
 from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
@@ -22,7 +22,6 @@ from .irradiance import polygon_irradiance
 from .stratified_choice import (
     BLOCK_TEXELS,
     Demand,
-    Int64,
     Span,
     choose_by_importance,
     choose_by_strata,
@@ -54,9 +53,9 @@ class EmitterPool:
     """
 
     cells: EmittingCells
-    constant: NDArray[np.bool_]
+    constant: BoolArray
     area: Float64
-    sealed: NDArray[np.bool_]
+    sealed: BoolArray
     clusters: EmitterClusters
     scene: ReceivingSurfaces
     surfaces: SurfaceMaterials
@@ -84,7 +83,7 @@ class EmitterPool:
         scene: ReceivingSurfaces,
         scale: float,
         surfaces: SurfaceMaterials,
-        tri_sealed: NDArray[np.bool_],
+        tri_sealed: BoolArray,
     ) -> EmitterPool:
         """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of EmittingMeshes."""
         importance = np.concatenate([group.importance for group in groups])

@@ -15,7 +15,7 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.scene import RAY_KINDS, Light, SceneSnapshot
 from ..scene.scene_cover import SceneCover
 from ..scene.sealed_solids import find_sealed
-from ..util.arrays import Float32, Float64, FloatArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray
 from ..util.geometry import UnitBox, locate_hits, offset_origin, orthonormal_basis, stack_columns, triangle_frames, triangle_normals_areas
 from ..util.sampling import AliasTable, square_to_cosine_hemisphere
 from .emitting_cells import EmittingCells, find_emitting_cells
@@ -36,7 +36,7 @@ class EmittingMeshes:
     """
 
     by_material: tuple[tuple[int, EmittingCells], ...]
-    tri_sealed: NDArray[np.bool_]
+    tri_sealed: BoolArray
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> EmittingMeshes:

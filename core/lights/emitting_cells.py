@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.materials import SurfaceMaterials
 from ..scene.mipmap import Mipmap
 from ..scene.scene import SceneSnapshot
 from ..scene.slender_triangles import cut_slender, find_between, find_corners
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import take_rows, triangle_normals_areas
 from ..util.sampling import square_to_uniform_triangle
@@ -45,7 +44,7 @@ class EmittingCells:
     link         row of LightLinks, -1 for none
     """
 
-    tri: NDArray[np.int64]
+    tri: Int64
     corner: Float32
     side: Float32
     area_m2: Float64
@@ -54,7 +53,7 @@ class EmittingCells:
     part: Float32 | None = None
     link: int = -1
 
-    def place(self, cell: IntArray, u: FloatArray) -> tuple[NDArray[np.int64], Float32]:
+    def place(self, cell: IntArray, u: FloatArray) -> tuple[Int64, Float32]:
         """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
         corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
         within = square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
@@ -102,7 +101,7 @@ def find_emitting_cells(snapshot: SceneSnapshot, surfaces: SurfaceMaterials, lin
 
 
 def _cut_cells(
-    snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None, area_m2: Float64
+    snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: Int64, part: Float32 | None, area_m2: Float64
 ) -> list[EmittingCells]:
     """Cells of triangles or their parts (n,); `part` as in EmittingCells."""
     count = len(tri)
@@ -131,8 +130,8 @@ def _cut_cells(
 
 
 def _cut_squares(
-    per_side: NDArray[np.int64], whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64
-) -> tuple[NDArray[np.int64], Float32, Float32, Float64]:
+    per_side: Int64, whose: Int64, corner: Float32, side: Float32, area_m2: Float64
+) -> tuple[Int64, Float32, Float32, Float64]:
     """Cuts cells (n,) into per_side ** 2 squares each."""
     count = per_side**2
     owner = np.repeat(np.arange(len(whose)), count)
@@ -151,7 +150,7 @@ class _TexturedCells:
     texels     (n,) float64   longest side
     """
 
-    whose: NDArray[np.int64]
+    whose: Int64
     corner: Float32
     side: Float32
     area_m2: Float64
@@ -159,12 +158,12 @@ class _TexturedCells:
     variance: Float64
     texels: Float64
 
-    def is_even(self) -> NDArray[np.bool_]:
+    def is_even(self) -> BoolArray:
         """(n,) bool: cells of constant, positive radiance. A black cell may be lit between the samples, so it does not count."""
         radiance = weigh_channels(self.mean_rgb)
         return (radiance > 0) & (self.variance <= _ALIKE * radiance**2)
 
-    def find_uneven(self) -> NDArray[np.int64]:
+    def find_uneven(self) -> Int64:
         """Rows of the cells to cut, as many as there is room for; none once the variance is at most _EVEN."""
         radiance, count = weigh_channels(self.mean_rgb), len(self.whose)
         power = self.area_m2 * radiance
@@ -177,7 +176,7 @@ class _TexturedCells:
         worst = np.argsort(-uneven, kind="stable")[:most]
         return worst[uneven[worst] > allowed / count]
 
-    def replace_rows(self, rows: NDArray[np.int64], parts: _TexturedCells) -> _TexturedCells:
+    def replace_rows(self, rows: Int64, parts: _TexturedCells) -> _TexturedCells:
         """Removes some rows and appends others."""
         return _TexturedCells(*(np.concatenate([np.delete(old, rows, axis=0), vars(parts)[name]]) for name, old in vars(self).items()))
 
@@ -192,16 +191,14 @@ class _Texture:
     """
 
     surfaces: SurfaceMaterials
-    tri: NDArray[np.int64]
+    tri: Int64
     part: Float32 | None
     uv: Float32
     size: tuple[int, int]
     mipmap: Mipmap
 
     @classmethod
-    def of(
-        cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: NDArray[np.int64], part: Float32 | None
-    ) -> _Texture:
+    def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials, material: int, tri: Int64, part: Float32 | None) -> _Texture:
         emission = snapshot.materials[material]
         image = snapshot.images[emission.emission_image]
         height, width = image.pixels.shape[:2]
@@ -210,12 +207,12 @@ class _Texture:
             uv = find_corners(uv, part)
         return cls(surfaces, tri, part, uv, (width, height), Mipmap(image, emission.emission_rgb))
 
-    def measure(self, whose: NDArray[np.int64], side: Float32) -> Float64:
+    def measure(self, whose: Int64, side: Float32) -> Float64:
         """(n,) float64: longest side of cells, in texels."""
         uv = self.uv[whose].astype(np.float64) * self.size
         return np.abs(uv - np.roll(uv, 1, axis=1)).max(axis=(1, 2)) * side
 
-    def look_at(self, whose: NDArray[np.int64], corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
+    def look_at(self, whose: Int64, corner: Float32, side: Float32, area_m2: Float64) -> _TexturedCells:
         """Cells (n,) with mean and variance of the radiance from stratified texture samples."""
         texels = self.measure(whose, side)
         # The mipmap's texels are at least as wide as the spacing of samples: bilinear filtering spreads light half a texel over a border.
@@ -232,7 +229,7 @@ class _Texture:
         variance = weigh_channels(np.maximum(square - mean**2, 0))
         return _TexturedCells(whose, corner, side, area_m2, mean, variance, texels)
 
-    def _show(self, level: int, whose: NDArray[np.int64], barycentric: Float32) -> tuple[Float64, Float64]:
+    def _show(self, level: int, whose: Int64, barycentric: Float32) -> tuple[Float64, Float64]:
         """Means of the radiance and of its square, (n, 3) each, in the mipmap's texels about points."""
         if level:
             mean, square = self.mipmap.at(level, find_between(self.uv[whose], barycentric))

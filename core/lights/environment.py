@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene_cover import SceneCover
 from ..util.arrays import Float32, Float64, FloatArray
@@ -22,7 +21,7 @@ class Environment:
     radiance   (h, w, 3) float32, W/m^2/sr; finite and >= 0
     """
 
-    radiance: NDArray[np.float32]
+    radiance: Float32
 
     @cached_property
     def cell_power(self) -> Float64:

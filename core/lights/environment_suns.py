@@ -10,10 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.scene import Light
-from ..util.arrays import Float64, FloatArray
+from ..util.arrays import Float32, Float64, FloatArray, Int64
 from ..util.brightness import weigh_channels
 from ..util.geometry import orthonormal_basis
 from ..util.sphere_map import find_middles, find_solid_angles
@@ -45,9 +44,7 @@ class Spot:
 LookCloser = Callable[[Float64, float], Spot]
 
 
-def take_suns_out(
-    world_map: NDArray[np.float32], look_closer: LookCloser | None = None, name: str = "World"
-) -> tuple[NDArray[np.float32], tuple[Light, ...]]:
+def take_suns_out(world_map: Float32, look_closer: LookCloser | None = None, name: str = "World") -> tuple[Float32, tuple[Light, ...]]:
     """The map (h, w, 3) without its suns, and the suns; together they emit the light of the map.
 
     look_closer   samples a spot in finer cells than the map's, for the position, size and power of small suns
@@ -94,7 +91,7 @@ def _find_middle(toward: FloatArray, power: Float64, peak: int) -> Float64:
     return middle
 
 
-def _part_spot(spot: Spot, peak: FloatArray) -> tuple[Float64, NDArray[np.int64]]:
+def _part_spot(spot: Spot, peak: FloatArray) -> tuple[Float64, Int64]:
     """The glow (3,) around a spot, W/m^2/sr, and the cells (k,) of the spot; none if it is not small."""
     away = np.arccos(np.clip(spot.direction @ peak, -1, 1))
     brightness = weigh_channels(spot.radiance)
@@ -109,7 +106,7 @@ def _part_spot(spot: Spot, peak: FloatArray) -> tuple[Float64, NDArray[np.int64]
     return (np.median(spot.radiance[beside], axis=0) if beside.any() else glow), inside
 
 
-def _make_sun(spot: Spot, inside: NDArray[np.int64], glow: Float64, name: str) -> Light:
+def _make_sun(spot: Spot, inside: Int64, glow: Float64, name: str) -> Light:
     """A disk of the same power, mean direction and variance as the radiance above the glow."""
     flux = np.maximum(spot.radiance[inside] - glow, 0.0) * spot.solid_angle[inside, None]
     weight, direction = weigh_channels(flux), spot.direction[inside].astype(np.float64)

@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, FloatArray
+from ..util.arrays import Float32, Float64, FloatArray, Int64
 from ..util.sphere_map import LineTable, find_cells, find_middles, find_solid_angles, place_in_cells
 from .environment import Environment
-
-Int64 = NDArray[np.int64]
 
 _PATCH_ROWS, _PATCH_COLUMNS = 32, 64  # patches of the map
 _SECTOR = 4  # patches along each side of a sector; visibility is measured by sector

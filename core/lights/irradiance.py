@@ -9,15 +9,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray
+from ..util.arrays import Float64, FloatArray
 
 _FAR_IN_RADII = 3.0  # distance beyond which an ellipse is approximated with few corners
 _FAR_CORNERS, _NEAR_CORNERS = 12, 32
 
 
-def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.float64]:
+def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> Float64:
     """From a cone of directions of radiance 1, cut by the receiver's horizon; if wholly above it, pi sin^2 cos.
 
     cosine         (n,) float    between the receiver's normal and the cone's axis
@@ -39,7 +38,7 @@ def cap_irradiance(cosine: FloatArray, sine_squared: FloatArray) -> NDArray[np.f
     return np.maximum(out, 0)
 
 
-def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArray | float, soft: bool) -> NDArray[np.float64]:
+def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArray | float, soft: bool) -> Float64:
     """From a point light of intensity 1: a disk that faces the receiver (soft), or a sphere.
 
     to_light   (n, 3) float   from the receivers to the light's centre
@@ -61,7 +60,7 @@ def point_irradiance(to_light: FloatArray, normal: FloatArray, radius: FloatArra
     return out * radiance
 
 
-def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> NDArray[np.float64]:
+def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> Float64:
     """From a sun whose irradiance facing it is 1; cosine (n,) between the normals and the direction to it.
 
     half_angle_rad   a number, (1,) or (n,) float; all 0, or none
@@ -72,7 +71,7 @@ def sun_irradiance(cosine: FloatArray, half_angle_rad: FloatArray | float) -> ND
     return cap_irradiance(cosine, np.asarray(share)) / (math.pi * share)
 
 
-def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
+def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatArray) -> Float64:
     """From a convex planar polygon of radiance 1, cut by the receiver's horizon; negative if the receiver sees it clockwise.
 
     corners            (m, 3) or (n, m, 3) float    one polygon, or one per receiver
@@ -108,7 +107,7 @@ def polygon_irradiance(corners: FloatArray, position: FloatArray, normal: FloatA
     return total / -2  # a polygon counter-clockwise as seen from its front has reversed edges in Lambert's formula
 
 
-def ellipse_irradiance(centre: FloatArray, semi_axes: FloatArray, position: FloatArray, normal: FloatArray) -> NDArray[np.float64]:
+def ellipse_irradiance(centre: FloatArray, semi_axes: FloatArray, position: FloatArray, normal: FloatArray) -> Float64:
     """From an ellipse of radiance 1, as a polygon with its area, and its second moments to 0.1 %; signed as polygon_irradiance.
 
     centre      (3,) or (m, 3) float         one ellipse, m = 1, or one per receiver, m = n

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, Int64, IntArray
 from ..util.geometry import gather, take_rows
 from .emitters import WorldEmitter
 from .lights import AreaEmitter, Births, Emitter, PointEmitter
@@ -56,12 +56,12 @@ class JoinedEmitters:
     """
 
     power_rgb: Float64
-    casts_shadow: NDArray[np.bool_]
-    is_even_sky: NDArray[np.bool_]
-    crowded: NDArray[np.bool_]
+    casts_shadow: BoolArray
+    is_even_sky: BoolArray
+    crowded: BoolArray
     kinds: tuple[_Kind, ...]
-    kind: NDArray[np.int64]
-    light: NDArray[np.int64]
+    kind: Int64
+    light: Int64
     link: NDArray[np.int16]
 
     @classmethod

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.shadow_rays import ShadowRays
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
 from .direct_lights import AreaSource, PointSource, Source
@@ -21,7 +20,6 @@ from .stratified_choice import (
     BLOCK_TEXELS,
     Clusters,
     Demand,
-    Int64,
     Span,
     choose_by_importance,
     choose_by_strata,
@@ -62,7 +60,7 @@ class LampCrowd:
     number: Int64
     clusters: Clusters
     low_cosine: Float32
-    flat: NDArray[np.bool_]
+    flat: BoolArray
 
     @classmethod
     def of(cls, lamps: Sequence[Source]) -> LampCrowd:
@@ -272,7 +270,7 @@ def _lit_share(shot: Float64, lit: Float64) -> Float32:
     return np.maximum(share, _LEAST_LIT).astype(np.float32)
 
 
-def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float32, NDArray[np.bool_]]:
+def _outline(source: Source) -> tuple[Float32, Float32, Float64, Float32, Float32, BoolArray]:
     """Centre (n, 3), axis (n, 3), intensity (n,), squared size (n,), cosine of the cone (n,), and flat (n,), see LampCrowd."""
     weight = weigh_channels(source.rgb)
     anywhere, no = np.full(len(weight), _ANYWHERE, np.float32), np.zeros(len(weight), bool)

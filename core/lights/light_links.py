@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from ..scene.materials import find_ray_kinds
 from ..scene.scene import SEEN_BY_ALL, Rgb, SceneSnapshot
-from ..util.arrays import Float32, IntArray
+from ..util.arrays import BoolArray, Float32, IntArray
 from ..util.geometry import gather
-
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -34,8 +32,8 @@ class LightLinks:
 
     of_light: NDArray[np.int16]
     of_tri: NDArray[np.int16]
-    lit: Bools
-    blocks: Bools
+    lit: BoolArray
+    blocks: BoolArray
     seen_rgb: Float32
 
     @classmethod
@@ -80,7 +78,7 @@ class Linked:
     """
 
     seen: Float32
-    open: Bools
+    open: BoolArray
 
 
 _Choice: TypeAlias = tuple[tuple[int, ...] | None, tuple[int, ...] | None, tuple[Rgb, ...]]
@@ -96,7 +94,7 @@ def _see(rgb: Sequence[Rgb], seen_by: Sequence[bool]) -> tuple[Rgb, ...]:
     return tuple(own if is_seen else (0.0, 0.0, 0.0) for own, is_seen in zip(rgb, seen_by, strict=True))
 
 
-def _find_chosen(chosen: tuple[int, ...] | None, count: int) -> Bools:
+def _find_chosen(chosen: tuple[int, ...] | None, count: int) -> BoolArray:
     """(count,) bool: objects by their indices; None for all."""
     out = np.full(count, chosen is None)
     out[list(chosen or ())] = True

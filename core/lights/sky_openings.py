@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits, part_bits
-from ..util.arrays import Float32, Float64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import take_rows
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
-from .stratified_choice import BLOCK_TEXELS, Demand, Int64, Span, choose_by_strata, cumulate, gather_until_sure, in_order
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose_by_strata, cumulate, gather_until_sure, in_order
 
 _SIDE = 16  # cells per side of the unit square that is mapped to the hemisphere
 _CELLS = _SIDE**2
@@ -38,8 +38,6 @@ _LOOKS = 4  # pilot rays per texel: they shape the pdf and are no part of the es
 _STAGES = (0, 8), (8, 16), (16, 48)
 _NOISIER = 2.5  # tolerance relative to that of lamps: neighbours have similar noise without outliers, which the filter removes
 
-Bools = NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class Looks:
@@ -52,7 +50,7 @@ class Looks:
 
     texel: Int64
     to: Float32
-    seen: Bools | Float32
+    seen: BoolArray | Float32
 
 
 class Openings:
@@ -169,13 +167,13 @@ class _Known:
     def none(cls, n_texel: int) -> _Known:
         return cls(*np.zeros((2, -(-n_texel // BLOCK_TEXELS), _CELLS)))
 
-    def add(self, place: Int64, cell: Int64, seen: Bools | Float32) -> None:
+    def add(self, place: Int64, cell: Int64, seen: BoolArray | Float32) -> None:
         """Add rays of texels (n,), numbered through all blocks."""
         at = place // BLOCK_TEXELS * _CELLS + cell
         for counts, weight in ((self.shot, None), (self.lit, seen)):
             counts += np.bincount(at, weight, counts.size).reshape(counts.shape)
 
-    def of(self, blocks: NDArray[np.bool_]) -> _Known:
+    def of(self, blocks: BoolArray) -> _Known:
         """Statistics of some of the blocks."""
         return _Known(self.shot[blocks], self.lit[blocks], self.share)
 
@@ -187,7 +185,7 @@ class _Known:
         """The same with `share` computed."""
         return _Known(self.shot, self.lit, float(self.lit.sum() / max(self.shot.sum(), 1.0)))
 
-    def see_little(self, allowed: Float64) -> NDArray[np.bool_]:
+    def see_little(self, allowed: Float64) -> BoolArray:
         """(n_block,) bool: little of the sky is visible from the block's region, and plain rays would be too noisy there.
 
         allowed   (n_region,) float64: standard error, relative to an open sky
@@ -196,7 +194,7 @@ class _Known:
         noisy = (lit + self.share) > _SMOOTHED**2 * STAGES[-1][1] * allowed**2 * (shot + 1)
         return np.repeat((lit + self.share > 0) & (lit < _MOST_SEEN * shot) & noisy, size)
 
-    def may_see_little(self, allowed: Float64) -> NDArray[np.bool_]:
+    def may_see_little(self, allowed: Float64) -> BoolArray:
         """(n_block,) bool: the rays so far do not rule out that see_little will hold."""
         shot, lit, size = self._of_regions()
         open_ = (shot >= BLOCK_TEXELS) & (lit >= _MOST_SEEN * shot)

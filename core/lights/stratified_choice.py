@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..texels.tiles import Tiles
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from .direct_points import STAGES, Receivers, row_pieces
 
 BLOCK_TEXELS = 64  # neighbours in Morton order, 8 x 8 within a chart, that share visibility and the stopping rule
 
-Int64: TypeAlias = NDArray[np.int64]
 Span: TypeAlias = tuple[int, int]  # rays first ... last - 1 of a texel
 
 
@@ -36,10 +35,10 @@ class Demand:
     tolerance: float
     max_rays: int = STAGES[-1][1]
     flat: Tiles = field(default_factory=Tiles.none)
-    alone: NDArray[np.bool_] | None = None
+    alone: BoolArray | None = None
     dark: float = 0.0
 
-    def are_alone(self, rows: Int64) -> NDArray[np.bool_] | None:
+    def are_alone(self, rows: Int64) -> BoolArray | None:
         """(m,) bool: `alone` of the texels `rows` (m,); None if no texel is."""
         return None if self.alone is None else self.alone[rows]
 

@@ -13,9 +13,8 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import Float64, FloatArray, IntArray
 
 DEGREES = {"constant": 0, "linear": 1, "quadratic": 2}
 EXPONENTS = tuple((total - j, j) for total in range(5) for j in range(total + 1))  # 1, s, t, s^2, st, t^2, ...
@@ -46,7 +45,7 @@ def monomials(s: FloatArray, t: FloatArray, degree: int) -> list[FloatArray]:
     return [powers_s[i] * powers_t[j] if i and j else powers_s[i] if i else powers_t[j] for i, j in exponents]
 
 
-def gram_matrix(moment: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
+def gram_matrix(moment: Float64, degree: int) -> Float64:
     """Inner products of the monomials over each domain.
 
     moment   (n, M) float64, m^2: integrals of the monomials up to 2 * degree over the domain
@@ -57,7 +56,7 @@ def gram_matrix(moment: NDArray[np.float64], degree: int) -> NDArray[np.float64]
     return moment[:, np.array(product)]
 
 
-def orthonormal_functions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
+def orthonormal_functions(gram: Float64) -> Float64:
     """Orthonormal functions on each domain, as rows of monomial coefficients; dropped functions are rows of zeros.
 
     gram   (n, K, K) float64, m^2
@@ -76,14 +75,14 @@ def orthonormal_functions(gram: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-def _orthonormalize(gram: NDArray[np.float64]) -> NDArray[np.float64]:
+def _orthonormalize(gram: Float64) -> Float64:
     first = _pivoted_gram_schmidt(gram, _DROP_BELOW)
     kept_gram = first @ gram @ first.transpose(0, 2, 1)
     return _pivoted_gram_schmidt(kept_gram, 0.5) @ first
 
 
 @lru_cache
-def _whole_square(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _whole_square(size: int) -> tuple[Float64, Float64]:
     """Gram matrix (size, size) of a whole square of area 1, and orthonormal functions on it, (size, size)."""
     total = np.array(EXPONENTS[:size])[:, None] + np.array(EXPONENTS[:size])
     gram = np.where(total % 2 == 0, 1.0 / (total + 1.0), 0.0).prod(axis=2)  # means of s^i t^j
@@ -92,7 +91,7 @@ def _whole_square(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return gram, functions
 
 
-def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArray[np.float64]:
+def _pivoted_gram_schmidt(gram: Float64, drop_below: float) -> Float64:
     n, size, _ = gram.shape
     rows, each = np.arange(n), np.arange(size)
     residual = gram.transpose(1, 2, 0).copy()  # (size, size, n): numpy is many times faster on long rows
@@ -118,7 +117,7 @@ def _pivoted_gram_schmidt(gram: NDArray[np.float64], drop_below: float) -> NDArr
     return np.ascontiguousarray(out.transpose(2, 0, 1))
 
 
-def projector(functions: NDArray[np.float64]) -> NDArray[np.float64]:
+def projector(functions: Float64) -> Float64:
     """Matrix from raw sums to the monomial coefficients of the fitted function: the pseudo-inverse of the Gram matrix.
 
     With m the monomials at a point, m @ projector @ m is the sum of the squared basis functions there.
@@ -128,7 +127,7 @@ def projector(functions: NDArray[np.float64]) -> NDArray[np.float64]:
     return functions.transpose(0, 2, 1) @ functions
 
 
-def apply_matrices(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def apply_matrices(matrix: Float64, vector: Float64) -> Float64:
     """Each node's matrix times its vectors; K is at most 6, so plain loops over it are far faster than einsum.
 
     matrix   (n, K, K) float64
@@ -143,20 +142,20 @@ def apply_matrices(matrix: NDArray[np.float64], vector: NDArray[np.float64]) -> 
     return out
 
 
-def evaluate(coefficient: FloatArray, s: FloatArray, t: FloatArray, degree: int) -> NDArray[np.float64]:
+def evaluate(coefficient: FloatArray, s: FloatArray, t: FloatArray, degree: int) -> Float64:
     """Values of polynomials at points.
 
     coefficient   (..., K, m) float, of monomials up to `degree`
     s, t          (m,) float
     out           (..., m) float64
     """
-    out: NDArray[np.float64] = coefficient[..., 0, :].astype(np.float64)
+    out: Float64 = coefficient[..., 0, :].astype(np.float64)
     for k, power in enumerate(monomials(s, t, degree)[1:], start=1):
         out += coefficient[..., k, :] * power
     return out
 
 
-def square_norm(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degree: int) -> NDArray[np.float64]:
+def square_norm(project: Float64, s: FloatArray, t: FloatArray, degree: int) -> Float64:
     """(m,) float64, 1/m^2: the sum of the squared basis functions at points.
 
     project   (m, K, K) float64, 1/m^2: projectors of functions up to `degree`
@@ -166,7 +165,7 @@ def square_norm(project: NDArray[np.float64], s: FloatArray, t: FloatArray, degr
     return (power * apply_matrices(project, power)).sum(0)
 
 
-def parent_transforms(degree: int) -> NDArray[np.float64]:
+def parent_transforms(degree: int) -> Float64:
     """For each quadrant the matrix X with monomials(parent) = X @ monomials(child).
 
     X takes raw sums from child to parent, X transposed takes polynomial coefficients from parent to child; both are exact.
@@ -185,7 +184,7 @@ def parent_transforms(degree: int) -> NDArray[np.float64]:
     return out
 
 
-def apply_transforms(transforms: NDArray[np.float64], quadrant: IntArray, vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def apply_transforms(transforms: Float64, quadrant: IntArray, vector: Float64) -> Float64:
     """The sparse matrix of each node's quadrant times the node's vectors.
 
     transforms   (4, K, K) float64, from parent_transforms, or their transposes

@@ -12,21 +12,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.surface_cells import SurfaceCells
-from ..util.arrays import Float32, FloatArray
+from ..util.arrays import Float32, Float64, FloatArray, Int64
 
 
 @dataclass(frozen=True)
 class CellFlux:
     """Flux of one shard: cell (k,) int64, ascending, plus the number of cells for light straight from lamps; flux (3, k) float64, W."""
 
-    cell: NDArray[np.int64]
-    flux: NDArray[np.float64]
+    cell: Int64
+    flux: Float64
 
     @classmethod
-    def of(cls, cell: NDArray[np.int64], flux: FloatArray, n_cell: int) -> CellFlux:
+    def of(cls, cell: Int64, flux: FloatArray, n_cell: int) -> CellFlux:
         """Sums of deposits, given their cells (m,) < n_cell and flux (3, m)."""
         touched = np.flatnonzero(np.bincount(cell, minlength=n_cell))
         return cls(touched, np.stack([np.bincount(cell, channel, n_cell)[touched] for channel in flux]))
@@ -47,8 +46,8 @@ class CellTally:
     photons   (2,) float64
     """
 
-    flux: NDArray[np.float64]
-    photons: NDArray[np.float64]
+    flux: Float64
+    photons: Float64
 
     @classmethod
     def empty(cls, n_cell: int) -> CellTally:

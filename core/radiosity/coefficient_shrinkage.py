@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import Float64, Int32, Int64, IntArray
 from . import basis
 from .quadtree import Quadtree
 from .tally import Solution, Totals
@@ -23,7 +22,7 @@ _TINY = np.finfo(float).tiny
 _SHRUNK_DOUBT = 2.0
 
 
-def shrink_leaves(tree: Quadtree, totals: Totals, leaves: NDArray[np.int64]) -> tuple[Quadtree, NDArray[np.float64]]:
+def shrink_leaves(tree: Quadtree, totals: Totals, leaves: Int64) -> tuple[Quadtree, Float64]:
     """The tree with projectors that shrink the functions of `leaves` (m,) beyond their mean, degree by degree; and risks.
 
     Means and flux are preserved. The result is for tally.solve_tallies only; variances come from the tree without shrinkage.
@@ -64,9 +63,7 @@ def beyond_noise(value: float, variance: float) -> float:
     return max(value - variance / value, 0.0) if value > 0.0 else 0.0
 
 
-def find_shrunk_noise(
-    solution: Solution, leaf: NDArray[np.int32], leaf_variance: NDArray[np.float64], noise2: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def find_shrunk_noise(solution: Solution, leaf: Int32, leaf_variance: Float64, noise2: Float64) -> Float64:
     """(m,) float64: the part of the texels' variance `noise2` (m,) that comes from coefficients beyond their leaves' means.
 
     leaf            (m,) int32
@@ -77,9 +74,7 @@ def find_shrunk_noise(
     return np.maximum(1.0 - of_mean, 0.0) * noise2
 
 
-def find_share_taken(
-    leaf: NDArray[np.int32], shrunk2: NDArray[np.float64], nodes: IntArray, risk: NDArray[np.float64]
-) -> tuple[float, float]:
+def find_share_taken(leaf: Int32, shrunk2: Float64, nodes: IntArray, risk: Float64) -> tuple[float, float]:
     """Share of the variance `shrunk2` (m,) of texels on leaves `leaf` (m,) that shrinkage removes: an estimate and a lower bound.
 
     Risks of single leaves are noisy, so they are averaged over all leaves; their scatter gives the standard error for the bound.

@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..texels.error_metric import DARK_FLOOR, Parts
 from ..transport.emission_cells import BirthCells
 from ..transport.photon_log import Groups
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import Float64, FloatArray, IntArray
 from .quadtree import Quadtree
-
-Float64 = NDArray[np.float64]
 
 _GRAIN = 4  # texels: the filter averages the noise of nodes of a shorter side over this width, see denoise
 _TINY = float(np.finfo(float).tiny)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..texels.texel_map import TexelMap
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64, IntArray
 from . import basis
 
 _CHUNK = 1 << 16  # texel entries at a time
@@ -47,36 +47,36 @@ class Quadtree:
     """
 
     degree: int
-    chart: NDArray[np.int32]
-    side: NDArray[np.int32]
-    origin: NDArray[np.int32]
-    code: NDArray[np.int64]
-    parent: NDArray[np.int32]
+    chart: Int32
+    side: Int32
+    origin: Int32
+    code: Int64
+    parent: Int32
     quadrant: NDArray[np.int8]
-    children: NDArray[np.int32]
-    start: NDArray[np.int64]
-    end: NDArray[np.int64]
+    children: Int32
+    start: Int64
+    end: Int64
     depth: NDArray[np.int16]
-    current: NDArray[np.bool_]
-    moment: NDArray[np.float64]
-    project: NDArray[np.float64]
-    rank: NDArray[np.int64]
+    current: BoolArray
+    moment: Float64
+    project: Float64
+    rank: Int64
 
     def __len__(self) -> int:
         return len(self.chart)
 
     @property
-    def area(self) -> NDArray[np.float64]:
+    def area(self) -> Float64:
         """(n,) float64, m^2 covered by the chart."""
         return self.moment[:, 0]
 
     @cached_property
-    def has_children(self) -> NDArray[np.bool_]:
+    def has_children(self) -> BoolArray:
         """(n,) bool."""
         return (self.children >= 0).any(1)
 
     @cached_property
-    def levels(self) -> list[NDArray[np.int64]]:
+    def levels(self) -> list[Int64]:
         """Nodes of each depth, from the top."""
         return [np.flatnonzero(self.depth == d) for d in range(int(self.depth.max(initial=-1)) + 1)]
 
@@ -111,7 +111,7 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
     )
 
 
-def _find_nodes(texels: TexelMap, side_log2: NDArray[np.int64]) -> NDArray[np.int64]:
+def _find_nodes(texels: TexelMap, side_log2: Int64) -> Int64:
     """(m,) int64: the first texel entry of every node, of side 2**side_log2 (n_chart,) texels in each chart."""
     # Entries of one node share the high bits of their codes, and entries are sorted, so each run of equal high bits is a node.
     is_first = np.zeros(len(texels), bool)
@@ -195,7 +195,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
     )
 
 
-def _find_codes(code: NDArray[np.int32], low: NDArray[np.int64], high: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+def _find_codes(code: Int32, low: Int64, high: Int64, wanted: Int64) -> Int64:
     """(m,) int64: by binary search, the lower bound of each `wanted` (m,) in code[low:high], which is ascending; low and high (m,)."""
     low, high = low.copy(), high.copy()
     while (rows := np.flatnonzero(low < high)).size:
@@ -226,7 +226,7 @@ def split(tree: Quadtree, marked: IntArray) -> Quadtree:
     return replace(tree, current=current)
 
 
-def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN_MEMORY) -> NDArray[np.int32]:
+def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN_MEMORY) -> Int32:
     """The node at each texel entry, (n_texel,) int32.
 
     nodes   indices of nodes that tile every chart: the current ones, or those without children
@@ -238,7 +238,7 @@ def node_of_texel(tree: Quadtree, nodes: IntArray, n_texel: int, room: Room = IN
     return spread_over_texels(tree, nodes, nodes.astype(np.int32), "node", room)
 
 
-def node_at_entries(tree: Quadtree, nodes: IntArray, entry: IntArray) -> NDArray[np.int64]:
+def node_at_entries(tree: Quadtree, nodes: IntArray, entry: IntArray) -> Int64:
     """(m,) int64: node_of_texel at texel entries (m,) only."""
     order = nodes[np.argsort(tree.start[nodes])]
     return order[np.searchsorted(tree.start[order], entry, side="right") - 1]
@@ -257,13 +257,13 @@ def spread_over_texels(tree: Quadtree, nodes: IntArray, values: NDArray[_Value],
     return room.collect(name, n_texel, values.dtype, (np.repeat(values[first:last], count[first:last]) for first, last in runs))
 
 
-def any_in_nodes(tree: Quadtree, flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def any_in_nodes(tree: Quadtree, flag: BoolArray) -> BoolArray:
     """(n,) bool: nodes that have a texel entry with the flag (n_texel,) bool."""
     flagged = np.flatnonzero(flag)
     return np.searchsorted(flagged, tree.end) > np.searchsorted(flagged, tree.start)
 
 
-def mean_in_nodes(tree: Quadtree, per_texel: NDArray[np.float32]) -> NDArray[np.float64]:
+def mean_in_nodes(tree: Quadtree, per_texel: Float32) -> Float64:
     """(3, n) float64: means over each node's texel entries of values (n_texel, 3)."""
     ends, place = np.unique(np.concatenate([tree.start, tree.end]), return_inverse=True)
     first, last = place[: len(tree)], place[len(tree) :]

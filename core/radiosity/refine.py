@@ -14,9 +14,8 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from . import basis
 from .quadtree import Quadtree
 from .tally import Solution, Totals, parts_of
@@ -55,15 +54,15 @@ class Difference:
     tiled        (m,) bool: whether the previews of this depth cover the node; if not, the other fields are 0
     """
 
-    excess: NDArray[np.float64]
-    common: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    greatest: NDArray[np.float64]
-    tiled: NDArray[np.bool_]
+    excess: Float64
+    common: Float64
+    noise: Float64
+    sigmas: Float64
+    greatest: Float64
+    tiled: BoolArray
 
 
-def is_stable(photons_shot: IntArray, stability: int) -> NDArray[np.bool_]:
+def is_stable(photons_shot: IntArray, stability: int) -> BoolArray:
     """Whether nodes have enough photons to be compared and shown.
 
     photons_shot   (n,) int
@@ -121,13 +120,13 @@ def indicator(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArra
     )
 
 
-def _sum_by(group: IntArray, values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _sum_by(group: IntArray, values: Float64, count: int) -> Float64:
     """Sums of values (..., n) over the members of each of `count` groups."""
     flat = values.reshape(math.prod(values.shape[:-1]), values.shape[-1])
     return np.array([np.bincount(group, row, count) for row in flat]).reshape(*values.shape[:-1], count)
 
 
-def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntArray], list[IntArray], NDArray[np.bool_]]:
+def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntArray], list[IntArray], BoolArray]:
     """Nodes at each depth below `nodes`; the index of each one's parent among those one depth above; and whether the deepest cover each of
     `nodes`.
     """
@@ -141,11 +140,11 @@ def _descendants(tree: Quadtree, nodes: IntArray, depth: int) -> tuple[list[IntA
         above.append(row)
         ancestor = ancestor[row]
     texels = np.bincount(ancestor, tree.end[ids[-1]] - tree.start[ids[-1]], len(nodes))
-    tiled: NDArray[np.bool_] = texels == tree.end[nodes] - tree.start[nodes]
+    tiled: BoolArray = texels == tree.end[nodes] - tree.start[nodes]
     return ids, above, tiled
 
 
-def find_comparable(tree: Quadtree, totals: Totals, stability: int) -> NDArray[np.bool_]:
+def find_comparable(tree: Quadtree, totals: Totals, stability: int) -> BoolArray:
     """(n,) bool: nodes that have shot enough photons to be compared with the previews below them."""
     return tree.has_children & is_stable(totals.shot // FANOUT, stability)
 
@@ -161,10 +160,10 @@ class Comparison:
     price         (n,) float64: a node's children are shown if its excess exceeds price * noise
     """
 
-    rows: tuple[NDArray[np.int64], ...]
+    rows: tuple[Int64, ...]
     differences: tuple[Difference, ...]
-    stable: NDArray[np.bool_]
-    price: NDArray[np.float64]
+    stable: BoolArray
+    price: Float64
 
     @classmethod
     def of(cls, tree: Quadtree, totals: Totals, solution: Solution, rule: Rule) -> Comparison:
@@ -180,9 +179,7 @@ class Comparison:
         return cls(rows, differences, stable, NOISE_PRICE * np.maximum(unfair, 1.0))
 
 
-def _compare(
-    tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, depth: int, stability: int
-) -> tuple[NDArray[np.int64], Difference]:
+def _compare(tree: Quadtree, totals: Totals, solution: Solution, nodes: IntArray, depth: int, stability: int) -> tuple[Int64, Difference]:
     """Rows and differences of a Comparison at one depth."""
     groups = list(parts_of(nodes, _PART >> 2 * depth)) or [nodes]
     rows = np.full(len(tree), -1)
@@ -201,15 +198,15 @@ def mark(
     solution: Solution,
     comparison: Comparison,
     rule: Rule,
-    forced: NDArray[np.bool_],
-    background: NDArray[np.float64],
-) -> NDArray[np.int64]:
+    forced: BoolArray,
+    background: Float64,
+) -> Int64:
     """Current nodes to split now.
 
     forced       (n,) bool: nodes that are split as soon as they are stable, whatever the light
     background   (3, n) float64, W/m^2: light on the nodes that is not in the tallies (direct light by rays)
     """
-    nodes: NDArray[np.int64] = np.flatnonzero(tree.current & find_comparable(tree, totals, rule.stability))
+    nodes: Int64 = np.flatnonzero(tree.current & find_comparable(tree, totals, rule.stability))
     area = np.where(tree.area[nodes] > 0.0, tree.area[nodes], 1.0)
     level = (solution.flux[:, nodes] / area + background[:, nodes]).max(axis=0)
     marked = forced[nodes].copy()
@@ -223,7 +220,7 @@ def mark(
     return nodes[marked]
 
 
-def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
+def choose_leaves(tree: Quadtree, comparison: Comparison) -> Int64:
     """The nodes to show: the tiling of every chart with the least expected squared error; all of them but roots are stable.
 
     The squared difference between a node and any tiling below it is the sum of the one-level differences in between (projections on nested
@@ -244,7 +241,7 @@ def choose_leaves(tree: Quadtree, comparison: Comparison) -> NDArray[np.int64]:
     return open_nodes(tree, roots, opened)
 
 
-def open_nodes(tree: Quadtree, nodes: IntArray, opened: NDArray[np.bool_]) -> NDArray[np.int64]:
+def open_nodes(tree: Quadtree, nodes: IntArray, opened: BoolArray) -> Int64:
     """Nodes (k,) that tile the same texels as `nodes` (m,), after nodes with `opened` (n,) are replaced by their children, recursively."""
     front, tiles = nodes, [np.zeros(0, np.int64)]
     while len(front):

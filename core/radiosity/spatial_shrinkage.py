@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
-from ..util.coverage import Float64
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64, IntArray
 from .quadtree import Quadtree
 from .tally import Solution
 
@@ -46,7 +45,7 @@ class SpatialShrinkage:
     variance   (3, k) float64, (W/m^2)^2: posterior variance
     """
 
-    row_of: NDArray[np.int32]
+    row_of: Int32
     around: Float64
     share: Float64
     mean: Float64
@@ -57,8 +56,8 @@ class SpatialShrinkage:
         cls,
         tree: Quadtree,
         solution: Solution,
-        leaves: NDArray[np.int64],
-        received: NDArray[np.int64],
+        leaves: Int64,
+        received: Int64,
         correction: Float64,
         cell: IntArray,
     ) -> SpatialShrinkage:
@@ -90,13 +89,13 @@ class SpatialShrinkage:
         variance = np.where(black, 0.0, spread * (share / _OF_LEAF * around.mean) ** 2)
         return cls(row_of, np.where(black, 0.0, around.mean), share, mean, variance)
 
-    def find(self, leaf: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    def find(self, leaf: IntArray) -> tuple[BoolArray, Int32]:
         """(m,) bool: whether texels on nodes leaf (m,) are on a leaf with few photons; and (j,): the rows of those leaves."""
         row = self.row_of[leaf]
         chosen = row >= 0
         return chosen, row[chosen]
 
-    def show(self, light: NDArray[np.float32], variance: NDArray[np.float32] | None, leaf: IntArray) -> None:
+    def show(self, light: Float32, variance: Float32 | None, leaf: IntArray) -> None:
         """Shrink the light on leaves with few photons towards the prior mean and set its variance, unless None; in place.
 
         light, variance   (n, 3) float32, W/m^2 and its square, at texels

@@ -15,9 +15,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import BoolArray, Float64, FloatArray, Int64, IntArray
 from . import basis
 from .quadtree import Quadtree
 
@@ -38,10 +37,10 @@ class ShardTally:
     raw       (C, 3, K, m) float64, W: per component and channel, sums of power times each monomial
     """
 
-    node: NDArray[np.int64]
-    count: NDArray[np.int64]
-    weight2: NDArray[np.float64]
-    raw: NDArray[np.float64]
+    node: Int64
+    count: Int64
+    weight2: Float64
+    raw: Float64
 
     @classmethod
     def join(cls, parts: Sequence[ShardTally]) -> ShardTally:
@@ -62,7 +61,7 @@ def deposit(
     s: FloatArray,
     t: FloatArray,
     flux: FloatArray,
-    is_first: NDArray[np.bool_] | None,
+    is_first: BoolArray | None,
     n_node: int,
     degree: int,
 ) -> ShardTally:
@@ -89,7 +88,7 @@ def deposit(
     return ShardTally(touched, count, weight2, raw)
 
 
-def find_touched(node: IntArray, n_node: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def find_touched(node: IntArray, n_node: int) -> tuple[Int64, Int64, Int64]:
     """As np.unique with inverse and counts, but without sorting: distinct nodes (k,) int64, ascending, of node (m,) int < n_node; the index
     of each node among them (m,) int64; and their counts (k,).
     """
@@ -117,10 +116,10 @@ class Tally:
     raw       (2, C, 3, K, n) float64, W: half, component, channel, monomial
     """
 
-    photons: NDArray[np.float64]
-    count: NDArray[np.int64]
-    weight2: NDArray[np.float64]
-    raw: NDArray[np.float64]
+    photons: Float64
+    count: Int64
+    weight2: Float64
+    raw: Float64
 
     @classmethod
     def empty(cls, n_node: int, degree: int, components: int = COMPONENTS) -> Tally:
@@ -148,7 +147,7 @@ class Tally:
                 row[shard.node] += of_shard
 
 
-def _rows_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rows_of(sums: Float64) -> Float64:
     """(k, n): sums (..., n), reshaped."""
     return sums.reshape(math.prod(sums.shape[:-1]), sums.shape[-1])
 
@@ -162,15 +161,15 @@ class Totals:
     shot_raw   (2, C, 3, K, n) float64, W: the part of `raw` from photons that were passed on
     """
 
-    photons: NDArray[np.float64]
-    received: NDArray[np.int64]
-    shot: NDArray[np.int64]
-    weight2: NDArray[np.float64]
-    raw: NDArray[np.float64]
-    shot_raw: NDArray[np.float64]
+    photons: Float64
+    received: Int64
+    shot: Int64
+    weight2: Float64
+    raw: Float64
+    shot_raw: Float64
 
 
-def parts_of(nodes: NDArray[np.int64], size: int = _PART) -> Iterator[NDArray[np.int64]]:
+def parts_of(nodes: Int64, size: int = _PART) -> Iterator[Int64]:
     """The nodes in parts of a given size."""
     return (nodes[start : start + size] for start in range(0, len(nodes), size))
 
@@ -209,15 +208,15 @@ class Solution:
     scale         (3, n) float64: eq. 10, all the light of a node over the light of the photons it received itself; 0 if it received none
     """
 
-    coefficient: NDArray[np.float64]
-    half: NDArray[np.float64]
-    flux_half: NDArray[np.float64]
-    flux: NDArray[np.float64]
-    variance: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    coefficient: Float64
+    half: Float64
+    flux_half: Float64
+    flux: Float64
+    variance: Float64
+    scale: Float64
 
 
-def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | None = None) -> Solution:
+def solve_tallies(tree: Quadtree, totals: Totals, nodes: Int64 | None = None) -> Solution:
     """Irradiance of nodes; nodes that were made late are scaled up to all the light that their ancestors received.
 
     nodes   (m,) int64: nodes to solve, together with their ancestors; all if None
@@ -255,7 +254,7 @@ def solve_tallies(tree: Quadtree, totals: Totals, nodes: NDArray[np.int64] | Non
     return Solution(functions[:COMPONENTS], functions[COMPONENTS:], flux_half, flux, variance, scale)
 
 
-def _find_above(tree: Quadtree, nodes: NDArray[np.int64] | None) -> list[NDArray[np.int64]]:
+def _find_above(tree: Quadtree, nodes: Int64 | None) -> list[Int64]:
     """Nodes (m,) and their ancestors, by depth from the top; all nodes if None."""
     if nodes is None:
         return tree.levels
@@ -270,12 +269,12 @@ def _find_above(tree: Quadtree, nodes: NDArray[np.int64] | None) -> list[NDArray
     return levels[::-1]
 
 
-def with_direct(components: NDArray[np.float64]) -> NDArray[np.float64]:
+def with_direct(components: Float64) -> Float64:
     """(2, ...): values (C, ...) of both components, where the direct one is 0 if only the indirect one was tallied."""
     missing = np.zeros((COMPONENTS - len(components), *components.shape[1:]))
     return np.concatenate([missing, components])
 
 
-def _join_views(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+def _join_views(sums: Float64) -> Float64:
     """(C + 2, ...): sums (2 halves, C components, ...) added over the halves, for each component, then over components, for each half."""
     return np.concatenate([sums.sum(0), sums.sum(1)])

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..parallel.shared_arrays import IN_MEMORY, Room
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import Float32, FloatArray, Int32, IntArray
 from .quadtree import Quadtree, node_of_texel
 
 
@@ -22,19 +21,19 @@ class TreeView:
     square_entry   (k,) int32, ascending: texel entries whose squares have a tally of their own
     """
 
-    node: NDArray[np.int32]
-    centre: NDArray[np.float32]
-    inverse_half: NDArray[np.float32]
-    square_entry: NDArray[np.int32]
+    node: Int32
+    centre: Float32
+    inverse_half: Float32
+    square_entry: Int32
 
     @classmethod
-    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], room: Room = IN_MEMORY) -> TreeView:
+    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: Int32, room: Room = IN_MEMORY) -> TreeView:
         half = tree.side / 2.0
         deepest = np.flatnonzero(~tree.has_children)
         centre = (tree.origin + half[:, None]).astype(np.float32)
         return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32), square_entry)
 
-    def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int32], FloatArray, FloatArray]:
+    def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[Int32, FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.
 
         entry   (m,) int, texel entries, none of them -1;  x, y   (m,) float, page texels

@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import Float32, Int64, IntArray
 from .light_probe import LightProbe
 from .scene import Light
 
@@ -35,7 +34,7 @@ def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, 
     return said
 
 
-def _spread(probe: LightProbe, tri: IntArray, count: int) -> NDArray[np.int64]:
+def _spread(probe: LightProbe, tri: IntArray, count: int) -> Int64:
     """(count,) triangles chosen from tri (n,), stratified by area."""
     area = np.cumsum(probe.area[tri])
     at = (np.arange(count) + 0.5) / count * area[-1]
@@ -59,7 +58,7 @@ def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
     return [f"{name} is enclosed by {shell}" for name, shell in shells] if all(shell for _, shell in shells) else []
 
 
-def _look_around_lamp(probe: LightProbe, lamp: Light) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _look_around_lamp(probe: LightProbe, lamp: Light) -> tuple[Float32, Float32]:
     """Positions (n, 3) of a lamp, unit box, and directions (n, 3) in which it shines."""
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(4 * _RAYS, 3))
@@ -71,7 +70,7 @@ def _look_around_lamp(probe: LightProbe, lamp: Light) -> tuple[NDArray[np.float3
     return place, direction.astype(np.float32)
 
 
-def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArray[np.float32], own: int) -> str:
+def _find_shell(probe: LightProbe, point: Float32, direction: Float32, own: int) -> str:
     """Name of the object, other than `own`, that nearly all rays meet; "" if there is none."""
     if not len(point):
         return ""
@@ -85,7 +84,7 @@ def _find_shell(probe: LightProbe, point: NDArray[np.float32], direction: NDArra
     return probe.snapshot.objects[shell].name if count[shell] >= _ENCLOSED * (len(met) + lost) else ""
 
 
-def _find_enclosure(probe: LightProbe, number: int, point: NDArray[np.float32], side: NDArray[np.float32]) -> str:
+def _find_enclosure(probe: LightProbe, number: int, point: Float32, side: Float32) -> str:
     """A sentence about what encloses an object, by rays from its points; "" if any ray leaves the scene."""
     tri = probe.look(point, side).tri
     if (tri < 0).any():

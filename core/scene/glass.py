@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, IntArray
 from ..util.geometry import gather, orthonormal_basis
 from .gloss import LEAST_ALPHA, sample_visible_normals, shadow_term
 from .materials import SurfaceMaterials
@@ -46,12 +45,12 @@ class Glass:
     """
 
     surfaces: SurfaceMaterials
-    tri_material: NDArray[np.int32]
-    tri_glass: NDArray[np.bool_]
+    tri_material: Int32
+    tri_glass: BoolArray
     alpha: Float32
     ior: Float32
     mirror: Float32
-    fresnel: NDArray[np.bool_]
+    fresnel: BoolArray
     kept: Float32
 
     @classmethod
@@ -73,7 +72,7 @@ class Glass:
         ]
         return cls(surfaces, scene.tri_material, tri_glass, alpha, ior, mirror, fresnel, np.concatenate(kept).astype(np.float32))
 
-    def is_rough(self, tri: IntArray) -> NDArray[np.bool_]:
+    def is_rough(self, tri: IntArray) -> BoolArray:
         """(n,): triangles of rough glass."""
         return gather(self.alpha, gather(self.tri_material, tri)) > 0
 
@@ -84,7 +83,7 @@ class Glass:
         v: FloatArray,
         direction: Float32,
         normal: Float32,
-        is_front: NDArray[np.bool_],
+        is_front: BoolArray,
         numbers: Float32,
     ) -> Bent:
         """Sample reflection or refraction of rays.
@@ -126,7 +125,7 @@ class Glass:
         turned /= np.sqrt(np.maximum(_dot(turned, turned), _TINY))
         return Bent(turned.astype(np.float32), weight.astype(np.float32), crossed, eta.astype(np.float32))
 
-    def _find_kept(self, material: IntArray, is_front: NDArray[np.bool_], cosine: FloatArray) -> FloatArray:
+    def _find_kept(self, material: IntArray, is_front: BoolArray, cosine: FloatArray) -> FloatArray:
         place = np.sqrt(np.minimum(cosine, 1)) * (_ENTRIES - 1)
         before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
         low = (2 * material.astype(np.intp) + ~is_front) * _ENTRIES + before
@@ -146,7 +145,7 @@ class Bent:
 
     direction: Float32
     weight: Float32
-    crossed: NDArray[np.bool_]
+    crossed: BoolArray
     eta: Float32
 
     def put(self, rows: IntArray, other: Bent) -> None:

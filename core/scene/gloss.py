@@ -24,9 +24,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, IntArray
 from ..util.geometry import gather, orthonormal_basis
 from .materials import SurfaceMaterials
 from .scene import MAX_ALBEDO, Material, SceneSnapshot
@@ -122,9 +121,9 @@ class _Rows:
     """
 
     materials: tuple[Material, ...]
-    first: NDArray[np.int32]
-    least: NDArray[np.int32]
-    most: NDArray[np.int32]
+    first: Int32
+    least: Int32
+    most: Int32
 
     @classmethod
     def of(cls, scene: SceneSnapshot) -> _Rows:
@@ -173,8 +172,8 @@ class Gloss:
     """
 
     surfaces: SurfaceMaterials
-    tri_material: NDArray[np.int32]
-    tri_glossy: NDArray[np.bool_]
+    tri_material: Int32
+    tri_glossy: BoolArray
     rows: _Rows
     alpha: Float32
     ior: Float32
@@ -236,7 +235,7 @@ class Gloss:
         means = alpha, ior, layer, tint, metal, layer_mean, kept_mean, rising
         return cls(surfaces, scene.tri_material, glossy, found, *means, lost, restored, edge, dielectric, below, dip, dip_rgb, coat, sheen)
 
-    def find_diffuse(self, tri: IntArray, u: FloatArray, v: FloatArray, albedo: Float32) -> tuple[Float32, NDArray[np.int32]]:
+    def find_diffuse(self, tri: IntArray, u: FloatArray, v: FloatArray, albedo: Float32) -> tuple[Float32, Int32]:
         """(3, n): the part of an albedo (3, n) that is reflected diffusely; and (n,): rows of the tables."""
         row = self._find_lobes(tri, u, v)[0]
         left = albedo - self.surfaces.metal_at(tri, u, v).T
@@ -244,11 +243,11 @@ class Gloss:
             left -= gather(self.sheen.mean_rgb, row)
         return np.maximum(left, 0, out=left), row
 
-    def find_rows(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.int32]:
+    def find_rows(self, tri: IntArray, u: FloatArray, v: FloatArray) -> Int32:
         """(n,): rows of the tables at points of triangles."""
         return self._find_lobes(tri, u, v)[0]
 
-    def _find_lobes(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[NDArray[np.int32], Float32, Float32]:
+    def _find_lobes(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[Int32, Float32, Float32]:
         """(n,) each: rows of the tables, and the shares of the surface that are metal and that have a layer."""
         material, rows = gather(self.tri_material, tri), self.rows
         if not self.surfaces.has_lobe_images:
@@ -535,7 +534,7 @@ def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
     return 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)
 
 
-def _choose(chance: FloatArray, numbers: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+def _choose(chance: FloatArray, numbers: FloatArray) -> tuple[BoolArray, FloatArray]:
     """(n,) bool: whether the first of two options is chosen, with probabilities chance (n,); and (2, n): numbers (2, n) to use further."""
     first = numbers[0] < chance
     rest = np.where(first, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR))

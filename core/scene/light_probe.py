@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
 from ..util.geometry import UnitBox, dot_rows, offset_origin, orthonormal_basis, triangle_normals_areas
 from ..util.sampling import square_to_cosine_hemisphere
 from .materials import SurfaceMaterials
@@ -31,11 +30,11 @@ class Seen:
     is_front   (n,) bool: whether the ray meets the front of the triangle
     """
 
-    tri: NDArray[np.int32]
-    distance: NDArray[np.float64]
-    is_front: NDArray[np.bool_]
-    _place: NDArray[np.float32]
-    _side: NDArray[np.float32]
+    tri: Int32
+    distance: Float64
+    is_front: BoolArray
+    _place: Float32
+    _side: Float32
 
 
 class LightProbe:
@@ -59,7 +58,7 @@ class LightProbe:
     def _surfaces(self) -> SurfaceMaterials:
         return SurfaceMaterials(self.snapshot)
 
-    def spread_points(self, tri: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def spread_points(self, tri: IntArray) -> tuple[Float32, Float32]:
         """Random points on triangles (n,), and normals of their fronts: each (n, 3) float32, the points in the unit box."""
         u = self._rng.random((len(tri), 2))
         over = u.sum(axis=1) > 1.0
@@ -67,7 +66,7 @@ class LightProbe:
         one, two, three = np.moveaxis(self._corner[tri], 1, 0)
         return self.box.to_unit(one + u[:, :1] * (two - one) + u[:, 1:] * (three - one)), self.normal[tri].astype(np.float32)
 
-    def look(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> Seen:
+    def look(self, point: Float32, side: Float32) -> Seen:
         """Hits of cosine-distributed rays from points, on the side of the normals (n, 3)."""
         tangent, bitangent = orthonormal_basis(side)
         local = square_to_cosine_hemisphere(self._rng.random((len(point), 2)))
@@ -85,15 +84,15 @@ class LightProbe:
     def has_sky(self) -> bool:
         return self._sky > 0.0
 
-    def find_glowing(self) -> NDArray[np.int64]:
+    def find_glowing(self) -> Int64:
         """(n,) int64: triangles that glow."""
         return self._glowing[0]
 
-    def meet(self, origin: NDArray[np.float32], direction: NDArray[np.float32]) -> NDArray[np.int32]:
+    def meet(self, origin: Float32, direction: Float32) -> Int32:
         """(n,) int32: the triangle that each ray meets, -1 for none; the origins lie on no surface."""
         return self._rays.closest(origin, direction).tri
 
-    def find_irradiance(self, point: NDArray[np.float32], side: NDArray[np.float32], bounces: int = 1) -> NDArray[np.float64]:
+    def find_irradiance(self, point: Float32, side: Float32, bounces: int = 1) -> Float64:
         """(n,) float64, W/m^2: from lamps, glowing surfaces and the sky, by one path each with so many bounces."""
         total = np.zeros(len(point))
         throughput, rows = np.ones(len(point)), np.arange(len(point))
@@ -115,7 +114,7 @@ class LightProbe:
         return total
 
     @cached_property
-    def _glowing(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def _glowing(self) -> tuple[Int64, Float64, Float64]:
         """Triangles that glow, their radiance, and the cumulative sum of their powers, normalised to 1."""
         tri = np.arange(self.snapshot.n_tri)
         third = np.full(len(tri), 1.0 / 3.0, np.float32)
@@ -124,7 +123,7 @@ class LightProbe:
         tri = np.flatnonzero(radiance * self.area > 0.0)
         return tri, radiance[tri], power[tri] / power[-1] if len(tri) else power[:0]
 
-    def _from_glow(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
+    def _from_glow(self, point: Float32, side: Float32) -> Float64:
         """(n,) W/m^2, by one shadow ray each to a point of a glowing triangle, chosen by power; surfaces glow on both sides."""
         tri, radiance, sums = self._glowing
         out = np.zeros(len(point))
@@ -146,7 +145,7 @@ class LightProbe:
         out[seen] = np.minimum(form * area, _MOST_FORM) / share[seen] * radiance[chosen[seen]]
         return out
 
-    def _from_lamps(self, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
+    def _from_lamps(self, point: Float32, side: Float32) -> Float64:
         total = np.zeros(len(point))
         n_lamp = len(self._lamps)
         if n_lamp <= MOST_LAMPS:
@@ -160,7 +159,7 @@ class LightProbe:
                 total[here] += self._from_lamp(self._lamps[number], point[here], side[here]) * (n_lamp / MOST_LAMPS)
         return total
 
-    def _from_lamp(self, lamp: Light, point: NDArray[np.float32], side: NDArray[np.float32]) -> NDArray[np.float64]:
+    def _from_lamp(self, lamp: Light, point: Float32, side: Float32) -> Float64:
         power = float(np.mean(lamp.power_rgb))
         axis = np.array(lamp.rotation)
         if lamp.kind == "SUN":
@@ -185,7 +184,7 @@ class LightProbe:
         out[seen] = value[seen] * facing[seen]
         return out
 
-    def _aim(self, lamp: Light, axis: FloatArray, point: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    def _aim(self, lamp: Light, axis: FloatArray, point: Float32) -> tuple[Float32, Float64]:
         """Directions (n, 3) to random points of a lamp, and their distances (n,), m."""
         target = np.broadcast_to(np.array(lamp.position_m), point.shape)
         if lamp.kind == "AREA":

@@ -9,9 +9,8 @@ from __future__ import annotations
 from threading import Lock
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Int64, IntArray
 from .scene import SceneSnapshot
 from .topology import join_open_sides, join_sets, pair_sides
 
@@ -26,10 +25,10 @@ class LooseParts:
         self._snapshot = snapshot
         self._part, self._lock = np.full(snapshot.n_tri, -1), Lock()
 
-    def are_apart(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+    def are_apart(self, one: IntArray, other: IntArray) -> BoolArray:
         """(m,) bool: whether triangles one (m,) and other (m,) belong to different objects or loose parts."""
         thing = self._snapshot.tri_object
-        apart: NDArray[np.bool_] = thing[one] != thing[other]
+        apart: BoolArray = thing[one] != thing[other]
         rows = np.flatnonzero(~apart)
         with self._lock:  # the parts of an object are computed all at once
             self._look_into(thing[one[rows][self._part[one[rows]] < 0]])
@@ -44,7 +43,7 @@ class LooseParts:
             self._part[tri] = tri[find_loose_parts(self._snapshot, tri)]
 
 
-def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> NDArray[np.int64]:
+def find_loose_parts(snapshot: SceneSnapshot, tri: IntArray) -> Int64:
     """(m,) int64: a label for each triangle (m,): the least index in `tri` among the triangles that are connected with it.
 
     Triangles that share a side are connected, see topology.join_open_sides.

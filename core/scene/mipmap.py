@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import Float32, FloatArray, IntArray
 from .scene import TextureImage
 from .textures import clamp_colours, sample_texture
 
@@ -26,7 +25,7 @@ class Mipmap:
         self._shown = image.pixels, np.array(rgb, np.float32)
         self._levels: list[tuple[TextureImage, TextureImage]] = []
 
-    def at(self, level: int, uv: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def at(self, level: int, uv: FloatArray) -> tuple[Float32, Float32]:
         """Colours at uv (n, 2) and their squares, (n, 3) each: means over squares of 2 ** level texels; level > 0."""
         while len(self._levels) < level:
             mean, square = (halve(one.pixels) for one in self._levels[-1]) if self._levels else self._halve_image()
@@ -34,7 +33,7 @@ class Mipmap:
         mean, square = (sample_texture(one, uv) for one in self._levels[level - 1])
         return mean, square
 
-    def _halve_image(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _halve_image(self) -> tuple[Float32, Float32]:
         pixels, rgb = self._shown
         edge, parts = _find_edges(len(pixels)), []
         for first in range(0, len(edge) - 1, _ROWS):
@@ -47,7 +46,7 @@ class Mipmap:
         return mean, square
 
 
-def halve(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+def halve(pixels: Float32) -> Float32:
     """((height + 1) // 2, (width + 1) // 2, 3) float32: means of four texels of (height, width, 3); with odd sizes some of two or one."""
     return _average(pixels, _find_edges(len(pixels)))
 
@@ -58,7 +57,7 @@ def _find_edges(size: int) -> IntArray:
     return np.arange(count + 1) * size // count
 
 
-def _average(pixels: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
+def _average(pixels: Float32, rows: IntArray) -> Float32:
     """Means over blocks of rows, which begin at `rows`, and of columns."""
     for axis, edge in enumerate((rows, _find_edges(pixels.shape[1]))):
         half = pixels.take(edge[:-1], axis)  # mean of the first and the last of a block, which may be the same

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import Int64, IntArray
 from ..util.geometry import UnitBox, triangle_normals_areas
 from .scene import SceneSnapshot
 
@@ -13,7 +12,7 @@ from .scene import SceneSnapshot
 _SPREAD = ((8, 0x00F00F), (4, 0x0C30C3), (2, 0x249249))
 
 
-def code_cells(scene: SceneSnapshot, tri: IntArray, bits: int) -> NDArray[np.int64]:
+def code_cells(scene: SceneSnapshot, tri: IntArray, bits: int) -> Int64:
     """(m,) int64: code of the cell in which each of the triangles (m,) lies: one of six directions that it faces, then the Morton code.
 
     bits   halvings of the scene's box, up to 8. Without its last three bits, a code is that of a cell twice as large, and so on

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float32, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64, IntArray
 from ..util.geometry import dot_rows, gather, locate_hits, triangle_frames
 from .scene import SceneSnapshot
 from .textures import Textures
@@ -26,10 +25,10 @@ class NormalMaps:
     tangents    (3, 9, n) float32       from triangle_frames: tangent, bitangent and normal
     """
 
-    tri_image: NDArray[np.int32]
+    tri_image: Int32
     tri_uv: Float32
     textures: Textures
-    tri_row: NDArray[np.int32]
+    tri_row: Int32
     strength: Float32
     tangents: Float32
 
@@ -47,11 +46,11 @@ class NormalMaps:
         tangents = triangle_frames(snapshot.tri_tangents[own].reshape(-1, 3, 9) if len(own) else np.zeros((0, 3, 9), np.float32))
         return cls(image, triangle_frames(snapshot.tri_normal_uv), Textures(snapshot.images), row, strength[own], tangents)
 
-    def has(self, tri: IntArray) -> NDArray[np.bool_]:
+    def has(self, tri: IntArray) -> BoolArray:
         """(n,) bool: whether triangles (n,) have a map."""
         return gather(self.tri_image, tri) >= 0
 
-    def look_up(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32) -> tuple[NDArray[np.int64], Float32]:
+    def look_up(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32) -> tuple[Int64, Float32]:
         """Rows (m,) int64 of those of n points that have a normal from a map, and the normals, (3, m) float32, unit.
 
         tri, u, v   (n,) triangles, and weights of their corners 1 and 2
@@ -91,7 +90,7 @@ class NormalMaps:
         tangent /= np.maximum(np.sqrt((tangent * tangent).sum(axis=0)), np.float32(1e-30))
         return tangent.astype(np.float32, copy=False)
 
-    def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[NDArray[np.int64], Float32]:
+    def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[Int64, Float32]:
         """Rows (m,) int64 of those of n photons that meet a normal map, and factors (m,) float32 on their light.
 
         The factor is the cosine with the map's normal over that with the surface, times the shadowing of bumps. It scales all light that

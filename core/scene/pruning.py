@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..util.ablation import uses
+from ..util.arrays import Float64
 from .scene import TEXTURE_UVS, Light, Material, SceneSnapshot, TextureImage
 
 Colour: TypeAlias = tuple[float, float, float]
@@ -35,7 +35,7 @@ def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]
     return replace(snapshot, lights=tuple(reaching) or snapshot.lights, materials=materials), counts
 
 
-def can_reach(light: Light, points_m: NDArray[np.float64]) -> bool:
+def can_reach(light: Light, points_m: Float64) -> bool:
     """Whether a light may reach any of the points (n, 3); true in case of doubt."""
     if not len(points_m) or light.kind not in ("AREA", "SPOT"):
         return True

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..util.arrays import BoolArray, Float32, Int32
 from ..util.geometry import triangle_normals_areas
 from ..util.threads import count_usable
 
@@ -29,10 +29,10 @@ class Hits:
     distance   (n,) float32   in lengths of the ray's direction; huge for a miss
     """
 
-    tri: NDArray[np.int32]
-    u: NDArray[np.float32]
-    v: NDArray[np.float32]
-    distance: NDArray[np.float32]
+    tri: Int32
+    u: Float32
+    v: Float32
+    distance: Float32
 
 
 class RayScene:
@@ -42,11 +42,11 @@ class RayScene:
     Raises ValueError if embreex cannot be loaded, MemoryError if there is no room for the bvh.
     """
 
-    def __init__(self, tri_position_unit: NDArray[np.float32]) -> None:
+    def __init__(self, tri_position_unit: Float32) -> None:
         self._tri_position_unit = tri_position_unit
         solid = triangle_normals_areas(tri_position_unit)[1] > 0
         # By rounding, a triangle without area could still be hit, and its normal is arbitrary.
-        self._tri_of_primitive: NDArray[np.int32] | None = None
+        self._tri_of_primitive: Int32 | None = None
         if not solid.all():
             self._tri_of_primitive = np.append(np.flatnonzero(solid), -1).astype(np.int32)  # primitive -1, a miss, takes the last
         embree_scene, triangle_mesh = _load_embree()
@@ -57,10 +57,10 @@ class RayScene:
         # The first run commits the scene, which is not thread-safe.
         self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
 
-    def __reduce__(self) -> tuple[type[RayScene], tuple[NDArray[np.float32]]]:
+    def __reduce__(self) -> tuple[type[RayScene], tuple[Float32]]:
         return RayScene, (self._tri_position_unit,)  # a bvh cannot be pickled; workers build their own
 
-    def closest(self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32] | None = None) -> Hits:
+    def closest(self, origin: Float32, direction: Float32, distance: Float32 | None = None) -> Hits:
         """The first triangle along each ray, from either side.
 
         origin, direction   (n, 3) float32, unit box; any strides
@@ -71,7 +71,7 @@ class RayScene:
         tri = found["primID"] if self._tri_of_primitive is None else self._tri_of_primitive[found["primID"]]
         return Hits(tri, found["u"], found["v"], found["tfar"])
 
-    def occluded(self, origin: NDArray[np.float32], direction: NDArray[np.float32], distance: NDArray[np.float32]) -> NDArray[np.bool_]:
+    def occluded(self, origin: Float32, direction: Float32, distance: Float32) -> BoolArray:
         """Whether a triangle lies nearer than the distance along each ray.
 
         origin, direction   (n, 3) float32, unit box; any strides

@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.arrays import BoolArray, Float32, Float64, Int32
+
 Rgb: TypeAlias = tuple[float, float, float]
 # Kinds of rays as in Cycles, which traces from the receiver: by how a ray left the last surface. SHADOW rays go toward lamps.
 RAY_KINDS = DIFFUSE, GLOSSY, TRANSMISSION, SHADOW = 0, 1, 2, 3
@@ -120,7 +122,7 @@ class TextureImage:
     """
 
     name: str
-    pixels: NDArray[np.float32]
+    pixels: Float32
     extension: str = "REPEAT"  # REPEAT, EXTEND, CLIP or MIRROR, as in Blender
     closest: bool = False  # no interpolation
     per_triangle: bool = False  # 2 x 2 texels for each triangle: its three corners, and one that makes the colour linear between them
@@ -183,31 +185,31 @@ class SceneSnapshot:
                       space, with a common scale; zeros for triangles without such a map; of length 0 if no triangle has one
     """
 
-    vertex_position: NDArray[np.float64]
-    tri_vertex: NDArray[np.int32]
-    tri_object: NDArray[np.int32]
-    tri_material: NDArray[np.int32]
-    tri_polygon: NDArray[np.int32]
-    tri_corner: NDArray[np.int32]
-    tri_normal: NDArray[np.float32]
-    tri_uv: NDArray[np.float64]
-    tri_albedo_uv: NDArray[np.float32]
-    tri_emission_uv: NDArray[np.float32]
+    vertex_position: Float64
+    tri_vertex: Int32
+    tri_object: Int32
+    tri_material: Int32
+    tri_polygon: Int32
+    tri_corner: Int32
+    tri_normal: Float32
+    tri_uv: Float64
+    tri_albedo_uv: Float32
+    tri_emission_uv: Float32
     objects: tuple[SceneObject, ...]
     materials: tuple[Material, ...]
     images: tuple[TextureImage, ...] = ()
     lights: tuple[Light, ...] = ()
     world_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    world_map: NDArray[np.float32] | None = None
-    profiles: tuple[NDArray[np.float32], ...] = ()
-    tri_passing_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
-    tri_normal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
-    tri_metal_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
-    tri_glass_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
-    tri_through_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
-    tri_lobe_uv: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    world_map: Float32 | None = None
+    profiles: tuple[Float32, ...] = ()
+    tri_passing_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_normal_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_metal_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_glass_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_through_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
+    tri_lobe_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
 
-    tri_tangents: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3, 3, 3), np.float32))
+    tri_tangents: Float32 = field(default_factory=lambda: np.zeros((0, 3, 3, 3), np.float32))
 
     def __post_init__(self) -> None:
         for name in TEXTURE_UVS:
@@ -222,12 +224,12 @@ class SceneSnapshot:
         return len(self.tri_vertex)
 
     @property
-    def tri_position(self) -> NDArray[np.float64]:
+    def tri_position(self) -> Float64:
         """(n_tri, 3, 3) float64, m: corner positions."""
         return self.vertex_position[self.tri_vertex]
 
 
-def swap_corners(values: NDArray[Any], tri_turned: NDArray[np.bool_]) -> NDArray[Any]:
+def swap_corners(values: NDArray[Any], tri_turned: BoolArray) -> NDArray[Any]:
     """A copy of values (n_tri, 3, ...) at corners, with corners 1 and 2 of triangles tri_turned (n_tri,) bool exchanged."""
     out = values.copy()
     out[tri_turned] = values[tri_turned][:, [0, 2, 1]]

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray
+from ..util.arrays import Float32, Float64, FloatArray
 from ..util.geometry import stack_columns
-
-Float32: TypeAlias = NDArray[np.float32]
-Float64: TypeAlias = NDArray[np.float64]
 
 _TINY = float(np.finfo(np.float32).tiny)
 _COVER_PADDING = 1e-3  # unit box; keeps rays from starting in the plane of an outermost surface

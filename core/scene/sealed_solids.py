@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..util.ablation import uses
-from ..util.arrays import Float64, IntArray
+from ..util.arrays import BoolArray, Float64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .loose_parts import find_loose_parts
 from .scene import SceneSnapshot
@@ -24,7 +23,7 @@ _BOX_WORK = 16  # work to compare a box, in heights
 _AT_ONCE = 1 << 18
 
 
-def find_sealed(snapshot: SceneSnapshot, tri_wanted: NDArray[np.bool_], tri_passes: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+def find_sealed(snapshot: SceneSnapshot, tri_wanted: BoolArray, tri_passes: BoolArray | None = None) -> BoolArray:
     """(n_tri,) bool: triangles of sealed solids.
 
     tri_wanted   (n_tri,) bool: only solids with such a triangle are examined
@@ -115,6 +114,6 @@ class _Search:
             yield normal @ some.T - level if self._left >= 0 else np.full((len(normal), len(some)), np.nan)
 
 
-def _overlap(low: Float64, high: Float64, other_low: Float64, other_high: Float64) -> NDArray[np.bool_]:
+def _overlap(low: Float64, high: Float64, other_low: Float64, other_high: Float64) -> BoolArray:
     """(n,) bool: whether the interiors of boxes (n, 3) intersect that of another (3,)."""
     return ((low < other_high) & (high > other_low)).all(axis=1)

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.arrays import BoolArray, Float32, Float64
 from ..util.geometry import gather, locate_hits, offset_origin, triangle_frames
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import DIFFUSE, SHADOW
 
 MOST_LAYERS = 1024  # transparent triangles along one ray; rounding may keep a ray between two that coincide
-
-Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,11 @@ class Sight:
     rays    number of rays that were traced
     """
 
-    share: NDArray[np.bool_] | Float32
+    share: BoolArray | Float32
     rgb: Float32 | None
     rays: int
 
-    def times(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def times(self, values: Float64) -> Float64:
         """(n, 3): transmitted part of light (n, 3)."""
         return values * (self.share[:, None] if self.rgb is None else self.rgb)
 
@@ -45,7 +44,7 @@ class Sight:
 
     def place(self, index: NDArray[np.intp], count: int) -> Sight:
         """The transmittance of `count` rays, where these are the ones at `index` and all others are blocked."""
-        share: NDArray[np.bool_] | Float32 = np.zeros(count, bool if self.rgb is None else np.float32)
+        share: BoolArray | Float32 = np.zeros(count, bool if self.rgb is None else np.float32)
         share[index] = self.share
         if self.rgb is None:
             return Sight(share, None, self.rays)
@@ -134,6 +133,6 @@ def leave_through(position: Float32, direction: Float32, normal: Float32) -> Flo
     return offset_origin(position, side * normal)
 
 
-def collapse(corners: Float32, kept: NDArray[np.bool_]) -> Float32:
+def collapse(corners: Float32, kept: BoolArray) -> Float32:
     """Triangles (n, 3, 3), of which those not kept (n,) lose their area: rays never meet these, and the others keep their numbers."""
     return np.where(kept[:, None, None], corners, corners[:, :1])

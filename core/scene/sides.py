@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.settings import AUTOMATIC, BOTH
 from .light_probe import LightProbe, Seen
 from .scene import TEXTURE_UVS, SceneSnapshot, swap_corners
@@ -47,7 +47,7 @@ class SettledSides:
     """
 
     snapshot: SceneSnapshot
-    tri_turned: NDArray[np.bool_]
+    tri_turned: BoolArray
     warnings: tuple[tuple[str, str], ...]
 
 
@@ -74,7 +74,7 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
     return SettledSides(turn(snapshot, turned) if turned.any() else snapshot, turned, tuple(warnings))
 
 
-def turn(snapshot: SceneSnapshot, tri_turned: NDArray[np.bool_]) -> SceneSnapshot:
+def turn(snapshot: SceneSnapshot, tri_turned: BoolArray) -> SceneSnapshot:
     """The snapshot with triangles tri_turned (n_tri,) bool turned over."""
     changed: dict[str, Any] = {}
     of_maps = ("tri_tangents",) if len(snapshot.tri_tangents) else ()
@@ -100,8 +100,8 @@ class _Parts:
     tri_part: IntArray
     part_object: IntArray
     part_first: IntArray
-    extent_m: NDArray[np.float64]
-    closed: NDArray[np.bool_]
+    extent_m: Float64
+    closed: BoolArray
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot, tri: IntArray) -> _Parts:
@@ -146,11 +146,11 @@ class _Samples:
         tri = parts.tri[ours[np.minimum(found, len(ours) - 1)]]
         self.point, self.front = probe.spread_points(tri)
 
-    def mean(self, values: NDArray[Any]) -> NDArray[np.float64]:
+    def mean(self, values: NDArray[Any]) -> Float64:
         """(n_chosen,): means of values (n_point,) over the points of each part."""
         return values.reshape(self._n, self._each).mean(axis=1, dtype=np.float64)
 
-    def look(self, sign: int) -> tuple[NDArray[np.float64], ...]:
+    def look(self, sign: int) -> tuple[Float64, ...]:
         """Shares of rays, (n_chosen,) each, that meet: a close surface; a close surface, the part itself or a back; the front of another
         part; anything.
         """
@@ -164,12 +164,12 @@ class _Samples:
         back = met & ~seen.is_front
         return self.mean(close), self.mean(close | own | back), self.mean(seen.is_front & ~own), self.mean(met)
 
-    def light(self, sign: int) -> NDArray[np.float64]:
+    def light(self, sign: int) -> Float64:
         """(n_chosen,) mean irradiance, W/m^2."""
         return self.mean(self._probe.find_irradiance(self.point, np.float32(sign) * self.front, _BOUNCES))
 
 
-def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[BoolArray, BoolArray]:
     """(n_part,) bool each: parts to turn, and thin sheets that are visible from both sides."""
     is_turned, is_open = np.zeros((2, len(parts)), bool)
     area = np.bincount(parts.tri_part, probe.area[parts.tri], minlength=len(parts))
@@ -193,9 +193,7 @@ def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[NDArray[np.bool_], 
     return is_turned, is_open
 
 
-def _keep_dark(
-    probe: LightProbe, parts: _Parts, chosen: IntArray, rows: IntArray, dark: NDArray[np.float64], each: int
-) -> NDArray[np.int64]:
+def _keep_dark(probe: LightProbe, parts: _Parts, chosen: IntArray, rows: IntArray, dark: Float64, each: int) -> Int64:
     """Those of `rows` of chosen parts whose front is dark relative to the back, estimated from `each` points on every part."""
     at_once = max(_MOST_POINTS // each, 1)
     kept = [np.zeros(0, np.int64)]
@@ -207,7 +205,7 @@ def _keep_dark(
     return np.concatenate(kept)
 
 
-def _agree(snapshot: SceneSnapshot, parts: _Parts, is_turned: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _agree(snapshot: SceneSnapshot, parts: _Parts, is_turned: BoolArray) -> BoolArray:
     """is_turned, changed so that a part is turned in all objects that share its mesh, or in none, since these share their charts."""
     mesh = np.array([one.mesh for one in snapshot.objects])[parts.part_object]
     shared = np.flatnonzero(mesh >= 0)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..util.ablation import uses
-from ..util.arrays import Float32, Float64
+from ..util.arrays import Float32, Float64, Int64
 
 _LONG = 8.0  # triangles are cut if the ratio of the longest edge to the height above it exceeds this
 # Greatest ratio of a part's length to that height: with 8, light by strips 5 mm from a wall takes twice the time; with 2, no less.
@@ -17,7 +16,7 @@ _NO_FOOT = 1e-6  # least share of the longest edge on either side of the height'
 _WHOLE = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
 
 
-def cut_slender(corner: Float64, area: Float64) -> tuple[NDArray[np.int64], Float32, Float64]:
+def cut_slender(corner: Float64, area: Float64) -> tuple[Int64, Float32, Float64]:
     """Parts of triangles: (n,) the triangle of each, ascending; (n, 3, 2) weights of corners 1 and 2 at its corners; and (n,) its area.
 
     corner   (m, 3, 3) float64, any unit; area (m,) float64, that unit squared, > 0

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.arrays import Float32
 from ..util.files import write_arrays
 from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
@@ -86,7 +87,7 @@ def load_snapshot(path: str | Path) -> SceneSnapshot:
         raise ValueError(f"{path}: is a damaged snapshot ({reason}); export the scene again.") from reason
 
 
-def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> list[NDArray[np.float32]]:
+def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> list[Float32]:
     """The pixels of all images, as parts of one array, so that they can be looked up together (textures.lay_together)."""
     if not described:
         return []
@@ -118,9 +119,7 @@ def _read_header(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> dict[s
     return header
 
 
-def _build_snapshot(
-    header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pictures: Sequence[NDArray[np.float32]]
-) -> SceneSnapshot:
+def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pictures: Sequence[Float32]) -> SceneSnapshot:
     described = ({name: value for name, value in entry.items() if name != "shape"} for entry in header["images"])
     images = tuple(TextureImage(pixels=pixels, **entry) for pixels, entry in zip(pictures, described, strict=True))
     objects = tuple(SceneObject(**_frozen(entry)) for entry in header["objects"])

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
-
-Int64: TypeAlias = NDArray[np.int64]
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # odd, near 2^64 over the golden ratio. Source: Knuth 1998, 6.4 (Fibonacci hashing)
 
 
-def pair_corners(tri_corner: IntArray, used: NDArray[np.bool_]) -> tuple[Int64, Int64]:
+def pair_corners(tri_corner: IntArray, used: BoolArray) -> tuple[Int64, Int64]:
     """Pairs of indices, in the flattened array, of one corner in two used triangles; enough pairs to connect all triangles of a corner.
 
     tri_corner   (n, 3) int
@@ -49,7 +44,7 @@ def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64,
     return ends, order[:-1][same], order[1:][same]
 
 
-def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
+def find_ends(vertex_position: Float64, ends: IntArray) -> Int64:
     """(2, m) int64: numbers of the positions where sides, given by vertices ends (2, m), end; the lower one first.
 
     Files often have a vertex once for each of its normals or texture coordinates, so edges are identified by position.
@@ -62,7 +57,7 @@ def find_ends(vertex_position: NDArray[np.float64], ends: IntArray) -> Int64:
     return np.sort(number[row.reshape(np.shape(ends))], axis=0)
 
 
-def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
+def join_open_sides(vertex_position: Float64, tri_vertex: IntArray, tri_group: IntArray) -> Int64:
     """(n, 3) int64: tri_vertex, with vertices merged where open sides coincide, so that the surface is connected there.
 
     Files often have a vertex once for each of its normals or texture coordinates. Touching bodies that are closed by their own vertices
@@ -90,7 +85,7 @@ def join_open_sides(vertex_position: NDArray[np.float64], tri_vertex: IntArray, 
     return join_sets(len(vertex_position), side[:, here].ravel(), met.ravel())[vertex]
 
 
-def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
+def find_groups_with_twins(vertex_position: Float64, tri_vertex: IntArray, tri_group: IntArray) -> BoolArray:
     """(n_group,) bool: groups with two vertices at one position.
 
     Arguments as in join_open_sides.
@@ -98,7 +93,7 @@ def find_groups_with_twins(vertex_position: NDArray[np.float64], tri_vertex: Int
     return _find_crowded(_number_places(vertex_position, tri_vertex, tri_group), tri_vertex, tri_group)
 
 
-def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> NDArray[np.bool_]:
+def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> BoolArray:
     """(n_group,) bool: groups with vertices that share their position; place (n_vertex,) from _number_places."""
     crowd = np.bincount(place[place >= 0]) > 1
     out = np.zeros(int(tri_group.max(initial=-1)) + 1, bool)
@@ -106,7 +101,7 @@ def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> ND
     return out
 
 
-def _number_places(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_group: IntArray) -> Int64:
+def _number_places(vertex_position: Float64, tri_vertex: IntArray, tri_group: IntArray) -> Int64:
     """(n_vertex,) int64, below n_vertex: numbers of vertices, equal for those of one group at one position; -1 for those of no triangle.
 
     Hash collisions may give different numbers to a position, with a probability of 10^-6 among millions of vertices.

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import Float64, Int64
+from ..util.arrays import Float64, FloatArray, Int64, IntArray
 from .texel_grid import part_bits
 from .tiles import TILE_TEXELS, Tiles, find_residual2
 

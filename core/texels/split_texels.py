@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import Float64, Int32, Int64, expand_ranges, monomial_exponents
+from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
+from ..util.coverage import expand_ranges, monomial_exponents
 from ..util.progress import Say
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import Float64, Int32, Int64
+from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
 
 _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parallel.shared_arrays import IN_MEMORY, Room
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import Int32, Int64
+from ..util.arrays import FloatArray, Int32, Int64, IntArray
 from ..util.progress import Say
 from ..util.row_spans import RowSpans
 

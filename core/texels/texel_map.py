@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import CHUNK_SIZE, Float64, Int32, Int64, as_slice, clip_to_texels, expand_ranges
+from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
+from ..util.coverage import CHUNK_SIZE, as_slice, clip_to_texels, expand_ranges
 from .split_texels import TexelBorders
 from .texel_footprint import TexelLooks, are_inside
 from .texel_grid import TexelGrid

@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 
-from ..util.arrays import FloatArray, IntArray
-from ..util.coverage import CHUNK_SIZE, Float64, Int32, Int64, chunk_ranges, expand_ranges, monomial_exponents, powers
+from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
+from ..util.coverage import CHUNK_SIZE, chunk_ranges, expand_ranges, monomial_exponents, powers
 
 _SIDE = 16  # texels, of squares
 _SQUARE = _SIDE**2

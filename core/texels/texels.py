@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..atlas.layer_check import signed_areas
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..scene.scene import SceneSnapshot
-from ..util.coverage import Float64, Int32, Int64, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from ..util.arrays import Float64, Int32, Int64
+from ..util.coverage import as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
 from ..util.geometry import gather
 from ..util.messages import Status
 from ..util.progress import Say, Watch, stretch, unwatched

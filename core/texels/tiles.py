@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
-from ..util.coverage import CHUNK_SIZE, Float64, Int64
+from ..util.arrays import Float64, Int64, IntArray
+from ..util.coverage import CHUNK_SIZE
 from .texel_grid import interleave_bits, part_bits
 
 _SIDE_BITS = 3

@@ -12,7 +12,7 @@ import numpy as np
 from ..parallel import executors, shared_arrays
 from ..parallel.folders import TEXELS_FOLDER
 from ..texels.texel_map import TexelMap
-from ..util.coverage import Int64
+from ..util.arrays import Int64
 from ..util.progress import Watch, unwatched
 from .contact_map import LOOKING, ContactMap, find_contacts, find_in_charts
 from .traced_scene import TracedScene

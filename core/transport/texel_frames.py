@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from ..texels.contact import texel_axes
 from ..texels.texel_map import TexelMap
-from ..util.arrays import IntArray
-from ..util.coverage import Float64, Int32
+from ..util.arrays import Float64, Int32, IntArray
 from ..util.geometry import UnitBox, gather
 from .traced_scene import TracedScene
 

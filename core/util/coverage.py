@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .arrays import FloatArray, IntArray
-
-Float64: TypeAlias = NDArray[np.float64]
-Int64: TypeAlias = NDArray[np.int64]
-Int32: TypeAlias = NDArray[np.int32]
+from .arrays import Float64, FloatArray, Int64, IntArray
 
 CHUNK_SIZE = 1 << 16  # items processed at a time, so that temporary arrays stay in the cache
 

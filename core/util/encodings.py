@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import FloatArray
+from .arrays import Float32, Float64, FloatArray
 
 ENCODINGS = ("rgbm", "rgbd", "logluv")
 LOGLUV_MAX = 2.0 ** (32767.5 / 256.0 - 64.0)  # the greatest luminance that LogLuv can encode
@@ -66,7 +66,7 @@ def encode(rgb: FloatArray, encoding: str, value_range: float) -> NDArray[np.uin
     return np.asarray(stored, np.uint8)
 
 
-def decode(stored: NDArray[np.uint8], encoding: str, value_range: float) -> NDArray[np.float32]:
+def decode(stored: NDArray[np.uint8], encoding: str, value_range: float) -> Float32:
     """The linear colours that `encode` stored.
 
     stored        (..., 4) uint8
@@ -92,7 +92,7 @@ def _check(encoding: str, value_range: float) -> None:
         raise ValueError(f"range: expected a number above 0, got {value_range:g}")
 
 
-def _encode_logluv(rgb: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _encode_logluv(rgb: Float64) -> NDArray[np.uint8]:
     """Bytes: high and low byte of the log luminance, u', v'. The top bit, the sign of the luminance, is 0."""
     xyz = np.minimum(rgb, LOGLUV_MAX) @ _XYZ_OF_RGB.T
     luminance = xyz[..., 1]
@@ -103,7 +103,7 @@ def _encode_logluv(rgb: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.asarray(np.stack([code >> 8, code & 255, u, v], -1), np.uint8)
 
 
-def _decode_logluv(stored: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _decode_logluv(stored: NDArray[np.uint8]) -> Float32:
     code = (stored[..., 0].astype(np.int64) & 127) << 8 | stored[..., 1]
     luminance = np.where(code > 0, 2.0 ** ((code + 0.5) / _LOG_SCALE - _LOG_OFFSET), 0.0)
     u, v = ((stored[..., channel] + 0.5) / _UV_SCALE for channel in (2, 3))

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import FloatArray, IntArray
+from .arrays import BoolArray, Float32, Float64, FloatArray, IntArray
 
 # Length in the unit box: 40 micrometres in a room of 20 m. Points interpolated from corners lie within 8e-8 of their triangle's plane, and
 # 2.5e-7 was enough for 1e6 rays in a box and in a sphere down to 1e-5 above the surface; the rest is a safety margin (test_rays.py).
@@ -28,7 +28,7 @@ class UnitBox:
     scale      unit-box lengths per metre
     """
 
-    centre_m: NDArray[np.float64]
+    centre_m: Float64
     scale: float
 
     @classmethod
@@ -44,7 +44,7 @@ class UnitBox:
         extent = float((high - low).max())
         return cls(0.5 * low + 0.5 * high, 1.0 / extent if extent > _SMALLEST_EXTENT_M else 1.0)
 
-    def to_unit(self, points_m: FloatArray) -> NDArray[np.float32]:
+    def to_unit(self, points_m: FloatArray) -> Float32:
         """(..., 3) float32, unit box: the points, centred and scaled in float64 before rounding."""
         return ((np.asarray(points_m, np.float64) - self.centre_m) * self.scale).astype(np.float32)
 
@@ -53,7 +53,7 @@ class UnitBox:
         return length_m * self.scale
 
 
-def triangle_normals_areas(corners: FloatArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def triangle_normals_areas(corners: FloatArray) -> tuple[Float64, Float64]:
     """Geometric unit normals and areas, precise even for needles; normal and area are zero if the corners are collinear.
 
     corners   (n, 3, 3) float, any unit of length
@@ -151,7 +151,7 @@ def combine_vectors(weight: FloatArray, vectors: FloatArray) -> FloatArray:
     return out.T
 
 
-def select(flag: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArray:
+def select(flag: BoolArray, yes: FloatArray, no: FloatArray) -> FloatArray:
     """np.where for finite numbers, without branches: measured, np.where takes eight times as long on random flags."""
     return flag * yes + ~flag * no
 

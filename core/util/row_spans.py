@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .coverage import Float64, Int32, Int64, chunk_ranges, expand_ranges
+from .arrays import BoolArray, Float64, Int32, Int64
+from .coverage import chunk_ranges, expand_ranges
 from .progress import Say
 
 
@@ -77,7 +77,7 @@ def _spans_of_rows(uv: Float64, tri: Int64, row: Int64) -> Int32:
     return np.stack([tri, row, touched_start, touched_end, full_start, full_end]).astype(np.int32)
 
 
-def _side_at(one: Float64, other: Float64, line: Float64) -> tuple[Float64, NDArray[np.bool_]]:
+def _side_at(one: Float64, other: Float64, line: Float64) -> tuple[Float64, BoolArray]:
     """x where the side meets the line y = `line`, and whether it does; a horizontal side does not count, since its neighbours do."""
     rise = other[:, 1] - one[:, 1]
     met = (np.minimum(one[:, 1], other[:, 1]) <= line) & (np.maximum(one[:, 1], other[:, 1]) >= line) & (rise != 0.0)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import FloatArray, IntArray
+from .arrays import Float32, FloatArray, IntArray
 from .geometry import gather, select, stack_columns
 
 
@@ -31,7 +31,7 @@ _NET_PARTS = 16  # parts that are scrambled one after the other, which bounds te
 _SCRAMBLES = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)  # one per dimension
 
 
-def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: IntArray) -> NDArray[np.float32]:
+def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: IntArray) -> Float32:
     """Points start ... start + count - 1 of k low-discrepancy sequences; over random shifts, each point is uniform.
 
     A lattice is as uniform, but its noise shows as stripes where it aligns with the texels as seen from a lamp. The noise of a scrambled
@@ -55,12 +55,12 @@ def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: In
     bits = gather(_scrambled_net(), place)
     bits ^= np.repeat(moved.T, length, axis=1)
     bits >>= np.uint32(8)
-    out: NDArray[np.float32] = bits.astype(np.float32)
+    out: Float32 = bits.astype(np.float32)
     out *= np.float32(2.0**-24)
     return out.T
 
 
-def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -> NDArray[np.float32]:
+def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -> Float32:
     """Points of the unit square; each is uniform, and those of a group are stratified.
 
     count   (g,) int, number of points in each group, at most 2^17
@@ -72,7 +72,7 @@ def grouped_points(count: IntArray, group: IntArray, rng: np.random.Generator) -
     bits = gather(_scrambled_net()[:2], np.arange(len(group)) - gather(start, group))
     bits ^= gather(rng.integers(0, 2**32, (2, len(count)), np.uint32), group)
     bits >>= np.uint32(8)
-    out: NDArray[np.float32] = bits.astype(np.float32)
+    out: Float32 = bits.astype(np.float32)
     out *= np.float32(2.0**-24)
     return out
 

@@ -9,12 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .arrays import FloatArray, IntArray
-
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
+from .arrays import Float32, Float64, FloatArray, IntArray
 
 _TINY = 1e-300  # keeps 0 / 0 at 0
 
