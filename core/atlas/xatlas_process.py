@@ -22,10 +22,8 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import Float32, Float64, Int32
-
-Mesh: TypeAlias = tuple[Float32, NDArray[np.uint32]]
-Unfolded: TypeAlias = tuple[Int32, Float64]
+Mesh: TypeAlias = tuple[NDArray[np.float32], NDArray[np.uint32]]
+Unfolded: TypeAlias = tuple[NDArray[np.int32], NDArray[np.float64]]
 
 # xatlas also packs the charts, which we do not need, and stretches them to whole texels, which is undone. So its raster is coarse: with 512
 # texels a side, sides differ from those with 32 by the rounding of float32 only, and packing takes longer than finding the charts.
