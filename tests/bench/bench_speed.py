@@ -304,7 +304,7 @@ def append_history(path: Path, targets: Sequence[Target]) -> None:
     """Date, version, a digest of the sources, and all figures."""
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     digest = hashlib.sha256()
-    for source in sorted([*ROOT.glob("core/*.py"), *ROOT.glob("addon/*.py")]):
+    for source in sorted([*ROOT.glob("core/**/*.py"), *ROOT.glob("addon/**/*.py")]):
         digest.update(source.read_bytes())
     figures = {target.text: round(target.figure, 4) if abs(target.figure) < float("inf") else None for target in targets}
     line = {"date": datetime.date.today().isoformat(), "version": version, "sources": digest.hexdigest()[:12], "figures": figures}

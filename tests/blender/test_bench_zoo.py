@@ -1,7 +1,5 @@
 """The zoo's benchmark from end to end, on scenes so small that its figures mean nothing."""
 
-from pathlib import Path
-
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -23,17 +21,6 @@ def test_a_seed_is_baked_and_held_against_cycles(tmp_path, capfd, seed):
         assert abs(float(row[5].rstrip("%"))) < 10.0
         assert 0 < int(row[9].rstrip("%")) <= 100
     assert list(tmp_path.glob("*/reference_*.npz"))
-
-
-@pytest.mark.slow
-def test_rivals_are_run_beside_it(tmp_path, capfd, monkeypatch):
-    pytest.importorskip("pyoidn")  # of the bench extra, as scipy
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).resolve().parents[1]))  # as make does
-    words = ["--max-size", "64", "--reference-seconds", "1", "--budget", "5", "--turns", "1", "--seeds", "3", "--cache", str(tmp_path)]
-    assert bench_zoo.main(words) == 0
-    told = capfd.readouterr().out
-    assert [line for line in told.splitlines() if line.startswith("| seed 3 | 5% |")]
-    assert "| time to 5%, Cycles / Leaflight |" in told
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 from scene_zoo import ABOUT, BAKED, LIGHTMAP_LAYER, TEXTURE_LAYER, write_scene
-from zoo_plan import draw_plan
 
 SMALL = (64, 1500)  # texels a side, triangles
 SEPARATE, JOINED = 5, 1  # seeds: both have a layer by Smart UV Project
@@ -46,13 +45,3 @@ def test_a_scene_is_built_as_it_was_drawn_and_the_same_again(tmp_path):
         np.testing.assert_array_equal(place, second[name][1])
         for layer, uv in layers.items():
             np.testing.assert_allclose(uv, second[name][2][layer], atol=1e-6)
-
-
-def test_one_joined_mesh_has_all_that_is_baked(tmp_path):
-    plan = draw_plan(JOINED, *SMALL)
-    assert plan.joined
-    write_scene(JOINED, tmp_path / "a.blend", *SMALL)
-    baked = [obj for obj in bpy.context.scene.objects if obj.get(BAKED)]
-    assert [obj.name for obj in baked] == ["Joined"]
-    others = [obj for obj in bpy.context.scene.objects if obj.type == "MESH" and not obj.get(BAKED)]
-    assert len(others) == len(plan.things) - plan.baked

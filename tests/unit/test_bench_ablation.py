@@ -58,11 +58,6 @@ def test_what_is_worth_something_is_told_from_noise():
     assert found == {"good": "worth it", "bad": "does harm", "dear": "worth it", "useless": "within noise", "idle": "no effect"}
 
 
-def test_chance_alone_seldom_seems_to_be_worth_something():
-    verdicts = [weigh_mechanism(make_scenes(seed=seed, useless=(1.0, 1.0)), "useless").verdict for seed in range(300)]
-    assert verdicts.count("within noise") >= 0.97 * len(verdicts)
-
-
 def test_scenes_fail_alone_and_the_page_gets_its_tables(tmp_path, monkeypatch, capsys):
     (done,) = make_scenes(count=1, tiles=(1.3, 1.0))
 

@@ -23,16 +23,6 @@ def test_an_object_is_measured_beside_its_own_brightness_and_noise_of_the_refere
     assert bench_objects.measure_alone(value, reference, ~dim) == pytest.approx(0.0, abs=0.004)
 
 
-def test_what_is_next_to_black_is_measured_as_dark_and_what_the_reference_left_black_is_not():
-    level = np.concatenate([np.full(999, 100.0), np.full(1000, 1e-4), [0.0]])
-    black = level < 1.0
-    value = np.repeat(np.where(black, 0.1, level)[:, None], 3, axis=1)
-    value[-1] = 1e6
-    mean = make_reference(level).first.mean()
-    told = bench_objects.measure_alone(value, make_reference(level), black)
-    assert told == pytest.approx(0.1 / (DARK_FLOOR**2 * mean), rel=0.01)
-
-
 def measured(rel, stated, error_of="objects", finest=0.0):
     rel, stated = (np.array(values, float)[None] for values in (rel, stated))
     names = tuple("ABCDEF"[: rel.shape[1]])
@@ -48,10 +38,3 @@ def test_objects_are_judged_by_the_median_the_worst_and_what_they_state():
     assert [claim.holds for claim in bench_objects.judge(whole, far)] == [False, False, False]
     assert len(good.row()) == len(bench_objects.HEAD)
     assert "A, 5.0%" in good.row()
-
-
-def test_what_a_finest_bake_differs_by_too_is_no_error_of_the_bake():
-    one = measured([0.05, 0.0301], [0.04, 0.01], finest=0.03)
-    assert one.beyond == pytest.approx([0.04, np.sqrt(0.0301**2 - 0.03**2)])
-    assert one.ratios == pytest.approx([1.0, 0.01 / one.beyond[1]])
-    assert measured([0.03], [0.01], finest=0.03).ratios.tolist() == []  # nothing can be told

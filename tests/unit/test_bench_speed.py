@@ -5,7 +5,7 @@ import math
 
 import bench_speed
 import pytest
-from speed_curves import Point, Reach, geometric_mean, join_turns, ratio_text, reach_error
+from speed_curves import Point, Reach, geometric_mean, ratio_text, reach_error
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
 SAMPLED = [Point(2.0 + 0.1 * n, n**-0.5, 2.0 * n**-0.5, n) for n in (4, 16, 64)]
@@ -22,13 +22,6 @@ def test_beyond_the_longest_bake_samples_are_extrapolated_not_the_start():
     assert reach_error(SAMPLED, 0.05, extrapolate=True) == Reach(pytest.approx(2.0 + 0.1 * 400), "~")
     assert reach_error(SAMPLED, 0.05, "nrmse", extrapolate=True) == Reach(pytest.approx(2.0 + 0.1 * 1600), "~")
     assert reach_error([], 0.05, extrapolate=True) is None
-
-
-def test_of_turns_the_median_of_seconds_counts_and_the_root_mean_square_of_errors():
-    joined = join_turns([Point(4.0, 0.03, 0.7, 0.1), Point(1.0, 0.04, 0.1, 0.1), Point(2.0, 0.05, 0.1, 0.1)])
-    assert joined == Point(2.0, pytest.approx(math.sqrt(50e-4 / 3)), pytest.approx(math.sqrt(0.17)), 0.1)
-    one = Point(4.0, 0.5, 0.25, 0.1)
-    assert join_turns([one]) == one
 
 
 def test_mean_and_ratios():
@@ -70,13 +63,3 @@ def test_history_grows_and_is_shown_beside_the_next_run(tmp_path):
     assert {"date", "version", "sources"} < set(kept[0])
     table = bench_speed.table_targets([bench_speed.Target.at_least("a", 0.5, 1.0)], {"a": 2.0})
     assert table.rows == [["a", "0.5", "2", ">= 1", "FAILS"]]
-
-
-def test_cycles_is_waited_for_while_its_filtered_bakes_err_more_than_the_least():
-    def list_after(seconds, rel):
-        cycles = [Point(1.0, 0.4, 0.4, 4), Point(seconds, 0.2, 0.2, 16)]
-        filtered = [Point(1.5, 0.3, 0.3, 4), Point(seconds + 0.5, rel, rel, 16)]
-        return bench_speed.list_more_samples(cycles, filtered, bench_speed.Effort(samples=(4, 16, 64, 256), budget_s=10.0))
-
-    assert list_after(9.0, 0.021) == (64,)  # in 36 s
-    assert list_after(11.0, 0.021) == list_after(9.0, 0.02) == ()

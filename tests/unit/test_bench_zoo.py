@@ -1,12 +1,9 @@
 """The parts of the zoo's benchmark that bake nothing: seeds, windows, batches, pages put together, ratios, tables."""
 
-from pathlib import Path
-
-import bench_zoo
 import numpy as np
 import pytest
 from speed_curves import Point
-from zoo_reference import PageReference, Subject, next_samples
+from zoo_reference import PageReference
 from zoo_results import CYCLES, OIDN, OURS, Outcome, SceneResult, share_of_tracing, summarize
 
 # Two seconds of start, then 0.1 s a sample; error 1 / sqrt(samples).
@@ -30,14 +27,6 @@ SLOW = scene("slow", [outcome(0.05, 0.05, 8.0), outcome(0.02, 0.03, 30.0, traced
 def row(table, what):
     (found,) = [list(one) for one in table.rows if one[0] == what]
     return found
-
-
-def test_batches_double_and_end_with_the_time():
-    assert next_samples(8, 1.0, 0.5, 60.0) == 16
-    assert next_samples(512, 40.0, 20.0, 60.0) == 512
-    assert next_samples(512, 50.0, 20.0, 60.0) == 256
-    assert next_samples(512, 58.0, 20.0, 60.0) == 0
-    assert next_samples(512, 61.0, 20.0, 60.0) == 0
 
 
 def test_each_object_is_held_against_its_own_page():
@@ -70,18 +59,3 @@ def test_the_share_of_tracing_counts_all_processes():
     assert share_of_tracing({}, 20.0) is None
     with pytest.raises(ValueError, match="trace_more"):
         share_of_tracing({"trace_more": 1.0}, 20.0)
-
-
-def test_a_scene_that_fails_is_told_and_the_others_are_run(monkeypatch, capsys):
-    def run(subject, effort, options):
-        if subject.name == "bad":
-            raise RuntimeError("bad: the bake failed: no light")
-        return GOOD
-
-    subjects = [Subject(Path("nowhere"), name, (), "", 64, 500, f"{name}: a room") for name in ("bad", "good")]
-    monkeypatch.setattr(bench_zoo, "list_subjects", lambda arguments, effort: [(one.name, lambda one=one: one) for one in subjects])
-    monkeypatch.setattr(bench_zoo, "run_scene", run)
-    assert bench_zoo.main(["--quick"]) == 1
-    told = capsys.readouterr().out
-    assert "bad FAILED: bad: the bake failed: no light" in told
-    assert "| good |" in told

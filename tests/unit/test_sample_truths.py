@@ -9,19 +9,6 @@ SIZE = 32
 LAYOUT = np.array([[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)], [(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)], [(0.0, 0.0), (0.0, 0.0), (0.0, 0.0)]])
 
 
-def corners():
-    """Of a unit square of two triangles, and of one that is not baked."""
-    uv = np.pad(LAYOUT, ((0, 0), (0, 0), (0, 1)))
-    uv[2] = [(5, 5, 5), (6, 5, 5), (5, 6, 5)]
-    return uv
-
-
-def test_every_texel_has_its_place():
-    rows, columns, position = sample_truths.place_centres(LAYOUT, corners(), SIZE)
-    assert len(rows) == SIZE * SIZE == len(set(zip(rows.tolist(), columns.tolist(), strict=True)))
-    np.testing.assert_allclose(position, np.column_stack([columns + 0.5, rows + 0.5, 0.0 * rows]) / SIZE, atol=1e-12)
-
-
 def test_the_square_is_lit_then_falls_off_then_is_dark():
     """As much of the lamp as (0.65 - x) / 0.3, by a lamp far enough that its parts are worth the same to 3 %."""
     x = np.array([0.1, 0.34, 0.42, 0.5, 0.58, 0.66, 0.9])
