@@ -44,7 +44,7 @@ def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):
     assert 0.1 < lost < result["estimated_error"]
 
 
-def test_files_and_result_say_the_same(tmp_path):
+def test_files_and_result_say_the_same(tmp_path, patient):
     settings = replace(QUICK, passes=("combined", "indirect"), formats=("exr", "png"))
     messages, result = bake_folder(tmp_path, lamp_scene(), settings)
     names = [f"room_0.{name}.{kind}" for name in ("combined", "indirect") for kind in ("exr", "png")]
@@ -217,7 +217,7 @@ def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_pa
     assert pixels[..., :3][pixels[..., 3] > 0].mean() > 0.05
 
 
-def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch):
+def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, patient):
     monkeypatch.setattr(preview, "LEAST_PAUSE_S", 0.0)
     monkeypatch.setattr(preview, "PAUSE_OF_COST", 0.0)
     settings, files = replace(QUICK, error=0.02, max_photons=600_000), []

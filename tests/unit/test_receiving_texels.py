@@ -43,7 +43,7 @@ def find(run, scene, settings=SMALL, lit=True, by_photons=True, executor=None):
 
 
 def list_stages(run):
-    return [message.stage for message in run.told if isinstance(message, Status)]
+    return list(dict.fromkeys(message.stage for message in run.told if isinstance(message, Status)))
 
 
 def test_nothing_to_unwrap_is_a_sentence_with_the_reason(run):
