@@ -99,13 +99,7 @@ class EnvironmentLight:
         return np.maximum(total, 0.0), variance, n_ray
 
     def _gather(
-        self,
-        rays: ShadowRays,
-        chunk: TexelChunk,
-        rows: IntArray,
-        choice: PatchChoice,
-        shift: NDArray[np.uint32],
-        span: Span,
+        self, rays: ShadowRays, chunk: TexelChunk, rows: IntArray, choice: PatchChoice, shift: NDArray[np.uint32], span: Span
     ) -> tuple[Float64, int]:
         """(k, len(rows), 3) float64: estimates by one ray each, in the order of their strata of the choice."""
         (first, last), table = span, self._table

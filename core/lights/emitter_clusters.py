@@ -182,13 +182,7 @@ def _cut_all(start: Int64, end: int) -> Int64:
 
 
 def _estimate(
-    square: Float32,
-    height: Float32,
-    facing: Float32,
-    reach: Float32,
-    own_square: Float32,
-    spread: Float32,
-    sealed: BoolArray,
+    square: Float32, height: Float32, facing: Float32, reach: Float32, own_square: Float32, spread: Float32, sealed: BoolArray
 ) -> Float32:
     """Importance for unit weight: height * facing / (square * (square + own_square)), that is cos * cos' / (r^2 + own_square).
 

@@ -78,12 +78,7 @@ class EmitterPool:
 
     @classmethod
     def of(
-        cls,
-        groups: list[EmittingCells],
-        scene: ReceivingSurfaces,
-        scale: float,
-        surfaces: SurfaceMaterials,
-        tri_sealed: BoolArray,
+        cls, groups: list[EmittingCells], scene: ReceivingSurfaces, scale: float, surfaces: SurfaceMaterials, tri_sealed: BoolArray
     ) -> EmitterPool:
         """A pool of the cells of several materials; scale is the unit box's, tri_sealed (n_tri,) that of EmittingMeshes."""
         importance = np.concatenate([group.importance for group in groups])

@@ -193,13 +193,7 @@ def _concatenate(parts: list[Difference]) -> Difference:
 
 
 def mark(
-    tree: Quadtree,
-    totals: Totals,
-    solution: Solution,
-    comparison: Comparison,
-    rule: Rule,
-    forced: BoolArray,
-    background: Float64,
+    tree: Quadtree, totals: Totals, solution: Solution, comparison: Comparison, rule: Rule, forced: BoolArray, background: Float64
 ) -> Int64:
     """Current nodes to split now.
 

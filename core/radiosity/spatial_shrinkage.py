@@ -53,13 +53,7 @@ class SpatialShrinkage:
 
     @classmethod
     def of(
-        cls,
-        tree: Quadtree,
-        solution: Solution,
-        leaves: Int64,
-        received: Int64,
-        correction: Float64,
-        cell: IntArray,
+        cls, tree: Quadtree, solution: Solution, leaves: Int64, received: Int64, correction: Float64, cell: IntArray
     ) -> SpatialShrinkage:
         """Find the leaves with few photons among all leaves (m,), which tile the charts, and estimate their light.
 

@@ -57,13 +57,7 @@ class ShardTally:
 
 
 def deposit(
-    node: IntArray,
-    s: FloatArray,
-    t: FloatArray,
-    flux: FloatArray,
-    is_first: BoolArray | None,
-    n_node: int,
-    degree: int,
+    node: IntArray, s: FloatArray, t: FloatArray, flux: FloatArray, is_first: BoolArray | None, n_node: int, degree: int
 ) -> ShardTally:
     """Sums over the hits of a shard.
 

@@ -77,14 +77,7 @@ class Glass:
         return gather(self.alpha, gather(self.tri_material, tri)) > 0
 
     def bend(
-        self,
-        tri: IntArray,
-        u: FloatArray,
-        v: FloatArray,
-        direction: Float32,
-        normal: Float32,
-        is_front: BoolArray,
-        numbers: Float32,
+        self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, is_front: BoolArray, numbers: Float32
     ) -> Bent:
         """Sample reflection or refraction of rays.
 

@@ -254,11 +254,7 @@ def _first_error(scene: SceneSnapshot) -> str:
         found = getattr(scene, name).shape
         if found != expected:
             return f"{name}: expected shape {expected}, got {found}"
-    ranges = (
-        ("tri_vertex", len(scene.vertex_position)),
-        ("tri_object", len(scene.objects)),
-        ("tri_material", len(scene.materials)),
-    )
+    ranges = (("tri_vertex", len(scene.vertex_position)), ("tri_object", len(scene.objects)), ("tri_material", len(scene.materials)))
     for name, count in ranges:
         values = getattr(scene, name)
         if n_tri and (values.min() < 0 or values.max() >= count):

@@ -65,13 +65,7 @@ class ShadowRays:
     """
 
     def __init__(
-        self,
-        opaque: RayScene,
-        passing: RayScene | None,
-        surfaces: SurfaceMaterials,
-        tri_frame: Float32,
-        tri_normal: Float32,
-        kind: int,
+        self, opaque: RayScene, passing: RayScene | None, surfaces: SurfaceMaterials, tri_frame: Float32, tri_normal: Float32, kind: int
     ) -> None:
         self._opaque, self._passing, self._surfaces, self._kind = opaque, passing, surfaces, kind
         self._tri_frame, self._tri_normal = tri_frame, tri_normal

@@ -107,12 +107,7 @@ class Settings:
     passes: tuple[str, ...] = _knob(("combined",), "what the images hold", choices=PASSES, group="Output", flag="--pass")
     formats: tuple[str, ...] = _knob(("exr",), "kinds of file that are written", choices=IMAGE_FORMATS, group="Output", flag="--format")
     value_range: float = _knob(
-        0.0,
-        "greatest value an RGBM or RGBD file holds; 0 takes each page's own",
-        low=0.0,
-        high=1e6,
-        group="Output",
-        flag="--range",
+        0.0, "greatest value an RGBM or RGBD file holds; 0 takes each page's own", low=0.0, high=1e6, group="Output", flag="--range"
     )
     view_transform: str = _knob(
         "standard",
