@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene.topology import join_sets, pair_sides
+from ..scene.morton import find_facing
+from ..scene.topology import hash_points, join_sets, pair_sides
 from ..util.arrays import Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 
 _SMOOTH = 0.7  # least cosine between neighbours of one chart: 45 degrees
-_MIX = np.uint64(0x9E3779B97F4A7C15)  # as in scene.topology
 
 
 def guess_charts(corner: Float64, tri_object: IntArray, count: int) -> Int64:
@@ -24,19 +24,10 @@ def guess_charts(corner: Float64, tri_object: IntArray, count: int) -> Int64:
     normal, area = triangle_normals_areas(corner)
     solid = np.isfinite(area) & (area > 0.0)
     normal, tri_object = normal[solid], tri_object[solid]
-    axis = np.abs(normal).argmax(axis=1)
-    way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0.0)
-    _, one, other = pair_sides(_number_corners(corner[solid]), 6 * tri_object.astype(np.int64) + way)
+    # Corners are identified by position: files often have a vertex once for each of its normals.
+    number = np.unique(hash_points(corner[solid]), return_inverse=True)[1].reshape(-1, 3)
+    _, one, other = pair_sides(number, 6 * tri_object.astype(np.int64) + find_facing(normal))
     one, other = one // 3, other // 3
     smooth = np.einsum("ij,ij->i", normal[one], normal[other]) >= _SMOOTH
     first = np.unique(join_sets(len(normal), one[smooth], other[smooth]))
     return np.bincount(tri_object[first], minlength=count)
-
-
-def _number_corners(corner: Float64) -> Int64:
-    """(n, 3) int64: numbers of corners, equal at equal positions: files often have a vertex once for each of its normals."""
-    mixed = np.zeros(corner.shape[:2], np.uint64)
-    for axis in range(3):
-        mixed = (mixed ^ (corner[..., axis] + 0.0).view(np.uint64)) * _MIX  # -0.0 becomes 0.0
-        mixed ^= mixed >> np.uint64(32)
-    return np.unique(mixed, return_inverse=True)[1].reshape(mixed.shape)

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lights.direct_environment import EnvironmentLight
-from ..lights.direct_lights import Source, WorldSource
+from ..lights.direct_lights import Source, WorldSource, make_lamps, make_suns, make_triangle_sources, make_world
 from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingSurfaces, TexelChunk, each_chunk, random_shift, row_pieces
-from ..lights.direct_sources import make_lamps, make_suns, make_triangle_sources, make_world
 from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.emitting_cells import EmittingCells
@@ -65,7 +64,7 @@ class DirectScene:
         receiving = ReceivingSurfaces.of(snapshot, unit_box)
         links = LightLinks.of(snapshot)
         plain = [light for light, row in zip(snapshot.lights, links.of_light, strict=True) if row < 0]
-        lamps, suns, world = make_lamps(snapshot, unit_box, plain), make_suns(snapshot, plain), make_world(snapshot)
+        lamps, suns, world = make_lamps(plain, unit_box, snapshot.profiles), make_suns(plain), make_world(snapshot)
         crowd = LampCrowd.of(lamps) if len(lamps) > _FEW_LAMPS and uses("lamp_crowd") else None
         sources = [*(lamps if crowd is None else []), *suns, *world]
         seen = links.seen_rgb[DIFFUSE].any(axis=0)
@@ -125,7 +124,7 @@ def _link_sources(
         if not blocks.all():
             left = collapse(receiving.corner_unit, blocks)
             own_rays = ShadowRays.of(RayScene(left), surfaces, left, np.ascontiguousarray(receiving.normal.T))
-        for source in (*make_lamps(snapshot, unit_box, lights), *make_suns(snapshot, lights)):
+        for source in (*make_lamps(lights, unit_box, snapshot.profiles), *make_suns(lights)):
             yield _LinkedSource(source, own_rays, links.lit[row])
         cells = [one for one in glows if one.link == row]
         if cells:

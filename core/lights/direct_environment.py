@@ -16,10 +16,10 @@ from ..util.arrays import Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
 from ..util.sphere_map import find_solid_angles
-from .direct_lights import Aim
+from .direct_lights import INFINITE, Aim
 from .direct_points import LIGHT_PLACE, MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .environment_table import EnvironmentTable, PatchChoice
-from .stratified_choice import BLOCK_TEXELS, Demand, Span, gather_until_sure
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, gather_until_sure, sum_regions
 
 _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
 _AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector
@@ -33,7 +33,6 @@ _STRATA_GAIN = 0.375
 _AIMED_LOOKS = 3  # pilot rays per texel that sees little of the sky; they shape the pdf and are not part of the estimate
 _PROBES = 4  # texels of a block whose normals represent it
 _LEAST_VARIANCE, _LEAST_FORESEEN = 1 / 8, 1 / 64  # as in sky_openings
-_INFINITE = np.float32(1e30)
 
 
 class EnvironmentLight:
@@ -53,7 +52,7 @@ class EnvironmentLight:
         self._shot, self._lit = np.zeros((2, n_block, n_sector))
         self._explore(rays, chunk, np.arange(len(chunk)), rng)
         seen = self._see_share()
-        seldom = (seen < _MOST_SEEN) & (self._around(self._lit.sum(axis=1)) > 0) & uses("openings")
+        seldom = (seen < _MOST_SEEN) & (sum_regions(self._lit.sum(axis=1), _REGION_BLOCKS) > 0) & uses("openings")
         self.few = np.flatnonzero(np.repeat(seldom, BLOCK_TEXELS)[: len(chunk)])
         for _ in range(_AIMED_LOOKS if len(self.few) else 0):
             self._explore(rays, chunk, self.few, rng)
@@ -120,7 +119,7 @@ class EnvironmentLight:
         direction, cell, density = self._table.choose(patch, u)
         cosine = np.maximum(dot_rows(direction, receivers.normal), 0)
         per_radiance = np.divide(cosine, chance * density, out=np.zeros(len(cell), np.float32), where=density > 0, casting="same_kind")
-        aim = Aim(direction, np.full(len(cell), _INFINITE), per_radiance, per_radiance)
+        aim = Aim(direction, np.full(len(cell), INFINITE), per_radiance, per_radiance)
         seen = receivers.see(rays, aim)
         radiance = self._table.environment.radiance.reshape(-1, 3)[cell]
         return radiance * per_radiance[:, None].astype(np.float64), seen
@@ -138,17 +137,11 @@ class EnvironmentLight:
                 counts += np.bincount(at, weights, counts.size).reshape(counts.shape)
             self.rays += seen.rays
 
-    def _around(self, counts: Float64) -> Float64:
-        """(n_block, ...): sums over the region of each block."""
-        first = np.arange(0, len(counts), _REGION_BLOCKS)
-        size = np.diff(np.append(first, len(counts)))
-        return np.repeat(np.add.reduceat(counts, first, axis=0), size, axis=0)
-
     def _rates(self) -> Float64:
         """(n_block, n_patch): visibility of each patch from the block, shrunk towards that of its region."""
         known = self._shot.sum()
         share = float(self._lit.sum() / known) if known else 1.0
-        around = (self._around(self._lit) + share) / (self._around(self._shot) + 1)
+        around = (sum_regions(self._lit, _REGION_BLOCKS) + share) / (sum_regions(self._shot, _REGION_BLOCKS) + 1)
         rate: Float64 = (self._lit + _AROUND_RAYS * around) / (self._shot + _AROUND_RAYS)
         return rate[:, self._table.sector]
 

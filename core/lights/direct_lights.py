@@ -1,4 +1,4 @@
-"""Lights as direct light sees them: unoccluded irradiance in closed form, and points to aim shadow rays at.
+"""Sources of direct light: unoccluded irradiance in closed form, and sample points for shadow rays.
 
 A source holds lights of one kind, a row each in its arrays; rows() makes of it one that has a row for each receiver.
 """
@@ -6,18 +6,22 @@ A source holds lights of one kind, a row each in its arrays; rows() makes of it 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any, Protocol, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self, cast
 
 import numpy as np
 
+from ..scene.scene import Light, SceneSnapshot
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
-from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
+from ..util.geometry import ORIGIN_OFFSET, UnitBox, dot_rows, take_rows, triangle_normals_areas
 from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
 from ..util.sphere_map import find_cells
-from .emitters import rotate_to
+from .emitters import rotate_to, usable_power, usable_world
+from .emitting_cells import EmittingCells
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
-from .lights import spot_attenuation, spread_attenuation
+from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone, spot_attenuation, spread_attenuation
 
 INFINITE = np.float32(1e30)
 
@@ -38,42 +42,30 @@ class Aim:
     weight: Float32
 
 
-_S = TypeVar("_S", bound="Source")
+class Source(ABC):
+    """Lights of one kind; one of them may shine at many receivers, more need a row for each receiver.
 
+    rgb            (m, 3) float64: radiance, intensity or facing irradiance of each light
+    casts_shadow   if False, its light reaches every surface
+    is_sharp       whether it has no extent, so that its shadows have hard edges
+    """
 
-class Source(Protocol):
-    """Lights of one kind; one of them may shine at many receivers, more need a row for each receiver."""
+    rgb: Float64
+    casts_shadow: bool
+    is_sharp: bool
 
-    @property
-    def rgb(self) -> Float64:
-        """(m, 3) float64: radiance, intensity or facing irradiance of each light."""
-
-    @property
-    def casts_shadow(self) -> bool: ...
-
-    @property
-    def is_sharp(self) -> bool:
-        """Has no extent, so that its shadows have hard edges."""
-
-    def rows(self: _S, index: IntArray) -> _S:
+    def rows(self, index: IntArray) -> Self:
         """The lights with these numbers, in their order."""
+        arrays = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        return replace(cast(Any, self), **{name: take_rows(one, index) if one.ndim == 2 else one[index] for name, one in arrays.items()})
 
+    @abstractmethod
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         """(n,) float64: unoccluded, for rgb = 1, at points (n, 3), unit box, with unit normals (n, 3)."""
 
+    @abstractmethod
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         """Rays from points (n, 3) for numbers u (n, 2), uniform in [0, 1)."""
-
-
-def source_values(source: Any) -> dict[str, Any]:
-    """Its fields by name."""
-    return {field.name: getattr(source, field.name) for field in fields(source)}
-
-
-def _take_lights(source: Any, index: IntArray) -> Any:
-    """The source with the rows `index` of all its arrays."""
-    arrays = {name: value for name, value in source_values(source).items() if isinstance(value, np.ndarray)}
-    return replace(source, **{name: take_rows(one, index) if one.ndim == 2 else one[index] for name, one in arrays.items()})
 
 
 def _aim_at(target: FloatArray, position: Float32, normal: Float32, light_normal: FloatArray, area: Float32 | float) -> Aim:
@@ -98,7 +90,7 @@ def _uniform_cone(u: Float32, drop: Float32) -> Float32:
 
 
 @dataclass(frozen=True)
-class PointSource:
+class PointSource(Source):
     """POINT and SPOT; rgb in W/sr times the unit box's scale squared, so that its lengths serve.
 
     centre        (m, 3) float32, unit box
@@ -117,9 +109,6 @@ class PointSource:
     soft: bool
     is_sharp: bool
     is_spot: bool
-
-    def rows(self, index: IntArray) -> PointSource:
-        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return point_irradiance(self.centre - position, normal, self.radius, self.soft)
@@ -175,9 +164,6 @@ class ProfileSource(PointSource):
     profile: Int64
     profiles: tuple[Float32, ...]
 
-    def rows(self, index: IntArray) -> ProfileSource:
-        return _take_lights(self, index)
-
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         aim = super().aim(position, normal, u)
         length = np.maximum(np.sqrt(dot_rows(aim.direction, aim.direction)), np.float32(1e-20))
@@ -191,7 +177,7 @@ class ProfileSource(PointSource):
 
 
 @dataclass(frozen=True)
-class AreaSource:
+class AreaSource(Source):
     """AREA; rgb is the radiance.
 
     centre             (m, 3) float32, unit box
@@ -212,9 +198,6 @@ class AreaSource:
     ellipse: bool
     is_lambertian: bool
     is_sharp: bool = False
-
-    def rows(self, index: IntArray) -> AreaSource:
-        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         x, y = self.x_axis.astype(np.float64), self.y_axis.astype(np.float64)
@@ -238,7 +221,7 @@ class AreaSource:
 
 
 @dataclass(frozen=True)
-class SunSource:
+class SunSource(Source):
     """SUN; rgb is the irradiance facing it.
 
     x_axis, y_axis, z_axis   (m, 3) float32, unit   z towards the sun
@@ -253,9 +236,6 @@ class SunSource:
     half_angle_rad: Float32
     is_sharp: bool
 
-    def rows(self, index: IntArray) -> SunSource:
-        return _take_lights(self, index)
-
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return sun_irradiance(dot_rows(normal, self.z_axis), self.half_angle_rad)
 
@@ -268,7 +248,7 @@ class SunSource:
 
 
 @dataclass(frozen=True)
-class TriangleSource:
+class TriangleSource(Source):
     """A triangle of constant radiance rgb, two-sided unless its back is never seen from outside: front_only (m,) bool.
 
     corners   (m, 3, 3) float32, unit box; area (m,) float32, that squared
@@ -283,9 +263,6 @@ class TriangleSource:
     front_only: BoolArray
     is_sharp: bool = False
 
-    def rows(self, index: IntArray) -> TriangleSource:
-        return _take_lights(self, index)
-
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         behind = self.front_only & (dot_rows(position - self.corners[:, 0], self.normal) < 0)
         return np.where(behind, 0.0, np.abs(polygon_irradiance(self.corners, position, normal)))
@@ -299,15 +276,12 @@ class TriangleSource:
 
 
 @dataclass(frozen=True)
-class WorldSource:
+class WorldSource(Source):
     """Uniform radiance rgb from everywhere."""
 
     rgb: Float64
     casts_shadow: bool = True
     is_sharp: bool = False
-
-    def rows(self, index: IntArray) -> WorldSource:
-        return _take_lights(self, index)
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return np.full(len(position), math.pi)
@@ -316,3 +290,98 @@ class WorldSource:
         one = np.ones(len(u), np.float32)
         share = one * np.float32(math.pi)
         return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * INFINITE, share, share)
+
+
+def make_lamps(lights: Iterable[Light], unit_box: UnitBox, profiles: Sequence[Float32]) -> list[Source]:
+    """Sources of one point, spot or area light each, for those with power; profiles as in SceneSnapshot."""
+    return [_make_lamp(light, power, unit_box, profiles) for light, power in _usable_lights(lights) if light.kind != "SUN"]
+
+
+def make_suns(lights: Iterable[Light]) -> list[Source]:
+    """Sources of one sun each, for those with power."""
+    return [_make_sun(light, power) for light, power in _usable_lights(lights) if light.kind == "SUN"]
+
+
+def _usable_lights(lights: Iterable[Light]) -> list[tuple[Light, Float64]]:
+    powers = [(light, usable_power(light)[0]) for light in lights]
+    return [(light, power) for light, power in powers if power.any()]
+
+
+def make_world(snapshot: SceneSnapshot) -> list[Source]:
+    """The source of the world, if it shines."""
+    world = usable_world(snapshot)
+    return [WorldSource(world[None])] if world.any() else []
+
+
+def join_sources(sources: Sequence[Source]) -> list[tuple[Source, Int64]]:
+    """Sources with all lights of a kind joined, and the indices of the given sources in each."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for number, source in enumerate(sources):
+        flags = tuple(value for name, value in vars(source).items() if isinstance(value, bool))
+        groups.setdefault((type(source), *flags), []).append(number)
+    joined = []
+    for numbers in groups.values():
+        parts = [vars(sources[number]) for number in numbers]
+        arrays = {name: np.concatenate([part[name] for part in parts]) for name, one in parts[0].items() if isinstance(one, np.ndarray)}
+        joined.append((replace(cast(Any, sources[numbers[0]]), **arrays), np.array(numbers)))
+    return joined
+
+
+def _make_sun(light: Light, power: Float64) -> SunSource:
+    x_axis, y_axis, z_axis = np.array(light.rotation, np.float32)[:, None]
+    half_angle = min(max(light.angle_rad, 0.0), math.pi) / 2
+    return SunSource(power[None], light.casts_shadow, x_axis, y_axis, z_axis, _one(half_angle), half_angle == 0)
+
+
+def _make_lamp(light: Light, power: Float64, unit_box: UnitBox, profiles: Sequence[Float32]) -> Source:
+    x_axis, y_axis, z_axis = np.array(light.rotation, np.float32)[:, None]
+    centre = unit_box.to_unit(np.array(light.position_m))[None]
+    if light.kind == "AREA":
+        half_x, half_y = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)
+        ellipse = light.shape == "ELLIPSE"
+        area = 4 * float(half_x) * float(half_y) * (math.pi / 4 if ellipse else 1)
+        return AreaSource(
+            rgb=power[None] * unit_box.scale**2 / (math.pi * area),
+            casts_shadow=light.casts_shadow,
+            centre=centre,
+            x_axis=x_axis * half_x,
+            y_axis=y_axis * half_y,
+            z_axis=z_axis,
+            area=_one(area),
+            spread_rad=_one(light.spread_rad),
+            ellipse=ellipse,
+            is_lambertian=light.spread_rad > LAMBERTIAN_SPREAD_RAD,
+        )
+    cone, radius = SpotCone.of(light), unit_box.to_unit_length(light.radius_m)
+    plain = PointSource(
+        rgb=power[None] / (4 * math.pi) * unit_box.scale**2,
+        casts_shadow=light.casts_shadow,
+        centre=centre,
+        axis=-z_axis,
+        drop=_one(cone.drop),
+        blend=_one(cone.blend),
+        radius=_one(radius),
+        soft=light.soft_falloff and radius > 0,
+        is_sharp=radius == 0,
+        is_spot=cone.drop < 2,
+    )
+    if light.profile < 0:
+        return plain
+    # The closed form is that of the brightest direction, so that it bounds the light.
+    most = np.array([profile.max() for profile in profiles], np.float64)
+    own = {**vars(plain), "rgb": plain.rgb * most[light.profile]}
+    return ProfileSource(**own, x_axis=x_axis, y_axis=y_axis, z_axis=z_axis, profile=np.array([light.profile]), profiles=tuple(profiles))
+
+
+def _one(value: float) -> Float32:
+    return np.array([value], np.float32)
+
+
+def make_triangle_sources(cells: EmittingCells, corner_unit: Float32, normal: Float32, tri_sealed: BoolArray) -> list[Source]:
+    """Sources of one triangle each, for the triangles of cells of constant radiance; tri_sealed (n_tri,) as in EmittingMeshes."""
+    own, first = np.unique(cells.tri, return_index=True)
+    rgb, area = cells.mean_rgb[first], triangle_normals_areas(corner_unit[own])[1].astype(np.float32)
+    return [
+        TriangleSource(rgb[i : i + 1], True, corner_unit[tri][None], normal[tri][None], area[i : i + 1], tri_sealed[tri][None])
+        for i, tri in enumerate(own)
+    ]

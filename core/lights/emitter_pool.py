@@ -29,6 +29,7 @@ from .stratified_choice import (
     find_reach,
     gather_until_sure,
     in_order,
+    sum_regions,
 )
 
 _SPANS = ((0, STAGES[1][1]), STAGES[2])  # of a texel's rays: the first 4 may all miss the emitters
@@ -207,9 +208,7 @@ class EmitterPool:
             n_ray += visible.rays
             seen[piece] = visible.share.reshape(len(piece), n_cluster)
         by_block = seen.reshape(n_block, _PILOTS, n_cluster).mean(axis=1)
-        region = np.arange(0, n_block, _REGION_BLOCKS)
-        size = np.diff(np.append(region, n_block))
-        by_region = np.repeat(np.add.reduceat(by_block, region, axis=0) / size[:, None], size, axis=0)
+        by_region = sum_regions(by_block, _REGION_BLOCKS) / sum_regions(np.ones((n_block, 1)), _REGION_BLOCKS)
         unseen = np.clip(by_region, _UNSEEN_LEAST, _UNSEEN_MOST)
         return (by_block + (1 - by_block) * unseen).astype(np.float32), n_ray
 

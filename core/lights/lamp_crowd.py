@@ -12,9 +12,8 @@ from ..scene.shadow_rays import ShadowRays
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.geometry import dot_rows, take_rows
-from .direct_lights import AreaSource, PointSource, Source
+from .direct_lights import AreaSource, PointSource, Source, join_sources
 from .direct_points import MIDDLE, Receivers, TexelChunk, light_points, random_shift, row_pieces
-from .direct_sources import join_sources
 from .lights import spread_attenuation
 from .stratified_choice import (
     BLOCK_TEXELS,
@@ -29,6 +28,7 @@ from .stratified_choice import (
     gather_until_sure,
     in_order,
     sort_by_place,
+    sum_regions,
 )
 
 _MAX_CLUSTERS = 4096  # 32 KB each of a chunk of 2^14 texels
@@ -263,10 +263,8 @@ def _cumulate_rows(chances: FloatArray, rows: Int64, end: Float64) -> None:
 
 def _lit_share(shot: Float64, lit: Float64) -> Float32:
     """(n_block, n_cluster): visibility of a cluster from a block, shrunk towards that of the region, at least _LEAST_LIT."""
-    region = np.arange(0, len(shot), _REGION_BLOCKS)
-    size = np.diff(np.append(region, len(shot)))
-    around = (np.add.reduceat(lit, region, axis=0) + 1) / (np.add.reduceat(shot, region, axis=0) + 1)
-    share = (lit + _AROUND_RAYS * np.repeat(around, size, axis=0)) / (shot + _AROUND_RAYS)
+    around = (sum_regions(lit, _REGION_BLOCKS) + 1) / (sum_regions(shot, _REGION_BLOCKS) + 1)
+    share = (lit + _AROUND_RAYS * around) / (shot + _AROUND_RAYS)
     return np.maximum(share, _LEAST_LIT).astype(np.float32)
 
 

@@ -126,10 +126,6 @@ class SpotCone:
         """Integral of the attenuation over 1 - cosine; smoothstep is half of its width."""
         return self.drop * (1 - self.blend / 2)
 
-    def attenuation(self, cosine: FloatArray) -> FloatArray:
-        """At the cosine between a direction and the axis."""
-        return spot_attenuation(cosine, self.drop, self.blend)
-
 
 @dataclass(frozen=True)
 class PointEmitter:

@@ -19,7 +19,7 @@ from ..util.brightness import weigh_channels
 from ..util.geometry import take_rows
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
-from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose_by_strata, cumulate, gather_until_sure, in_order
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose_by_strata, cumulate, gather_until_sure, in_order, sum_regions
 
 _SIDE = 16  # cells per side of the unit square that is mapped to the hemisphere
 _CELLS = _SIDE**2
@@ -89,7 +89,8 @@ class Openings:
         known.add(place[looks.texel[held]], _cell_at(looks.to[held]), looks.seen[held])
         place[looks.texel[held]] = -1
         sky = math.pi * float(weigh_channels(source.rgb)[0])
-        level = _means(beside[rows], BLOCK_TEXELS * _REGIONS_BLOCKS[0])
+        region = BLOCK_TEXELS * _REGIONS_BLOCKS[0]
+        level = (sum_regions(beside[rows], region) / sum_regions(np.ones(len(rows)), region))[::BLOCK_TEXELS]
         limit = demand.tolerance * np.maximum(level, demand.dark) / sky
         n_ray, asked = 0, place[rows] >= 0
         asked &= np.repeat(known.may_see_little(limit), BLOCK_TEXELS)[: len(rows)]
@@ -188,23 +189,22 @@ class _Known:
     def see_little(self, allowed: Float64) -> BoolArray:
         """(n_block,) bool: little of the sky is visible from the block's region, and plain rays would be too noisy there.
 
-        allowed   (n_region,) float64: standard error, relative to an open sky
+        allowed   (n_block,) float64: standard error, relative to an open sky
         """
-        shot, lit, size = self._of_regions()
+        shot, lit = self._of_regions()
         noisy = (lit + self.share) > _SMOOTHED**2 * STAGES[-1][1] * allowed**2 * (shot + 1)
-        return np.repeat((lit + self.share > 0) & (lit < _MOST_SEEN * shot) & noisy, size)
+        return (lit + self.share > 0) & (lit < _MOST_SEEN * shot) & noisy
 
     def may_see_little(self, allowed: Float64) -> BoolArray:
         """(n_block,) bool: the rays so far do not rule out that see_little will hold."""
-        shot, lit, size = self._of_regions()
+        shot, lit = self._of_regions()
         open_ = (shot >= BLOCK_TEXELS) & (lit >= _MOST_SEEN * shot)
-        return np.repeat(~open_ & (_SMOOTHED**2 * STAGES[-1][1] * allowed**2 < _MOST_SEEN), size)
+        return ~open_ & (_SMOOTHED**2 * STAGES[-1][1] * allowed**2 < _MOST_SEEN)
 
-    def _of_regions(self) -> tuple[Float64, Float64, Int64]:
-        """shot and lit of the regions, (n_region,) each, and their numbers of blocks."""
-        first, size = _cut(len(self.shot), _REGIONS_BLOCKS[0])
-        shot, lit = (np.add.reduceat(counts.sum(axis=1), first) for counts in (self.shot, self.lit))
-        return shot, lit, size
+    def _of_regions(self) -> tuple[Float64, Float64]:
+        """(n_block,) each: shot and lit of each block's region."""
+        shot, lit = (sum_regions(counts.sum(axis=1), _REGIONS_BLOCKS[0]) for counts in (self.shot, self.lit))
+        return shot, lit
 
     def share_out(self) -> tuple[Float64, Float64, Float64]:
         """The pdf p ~ sqrt(visibility) over cells, cumulated (n_block, n_cell) by stratified_choice.cumulate; (n_block,) predicted mean
@@ -213,31 +213,17 @@ class _Known:
             return self.shot, np.zeros(0), np.zeros(0)
         rate = np.zeros_like(self.shot)
         for n_block in _REGIONS_BLOCKS:
-            first, size = _cut(len(self.shot), n_block)
-            shot, lit = (np.add.reduceat(counts, first, axis=0) for counts in (self.shot, self.lit))
+            shot, lit = (sum_regions(counts, n_block) for counts in (self.shot, self.lit))
             if n_block == _REGIONS_BLOCKS[0]:
                 rate = (_blur(lit) + self.share) / (_blur(shot) + 1)  # blurred, since an opening's direction changes over a region
             else:
-                rate = (lit + _AROUND_RAYS * rate[first]) / (shot + _AROUND_RAYS)
-            rate = np.repeat(rate, size, axis=0)
+                rate = (lit + _AROUND_RAYS * rate) / (shot + _AROUND_RAYS)
         chance = np.sqrt(rate)  # minimizes the variance
         chance *= (1 - _ANYWHERE) / np.maximum(chance.sum(axis=1, keepdims=True), 1e-300)
         chance += _ANYWHERE / _CELLS
         end = np.empty_like(chance)
         cumulate(chance, 0, end)
         return end, rate.mean(axis=1), (rate / chance).sum(axis=1) / _CELLS**2
-
-
-def _cut(count: int, size: int) -> tuple[Int64, Int64]:
-    """First indices and sizes of pieces of `size` of `count` items."""
-    first = np.arange(0, count, size)
-    return first, np.diff(np.append(first, count))
-
-
-def _means(values: Float64, size: int) -> Float64:
-    """Means of pieces of `size` values."""
-    first, sizes = _cut(len(values), size)
-    return np.add.reduceat(values, first) / sizes
 
 
 def _look(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span) -> tuple[Sight, Float32]:

@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.morton import code_places, find_facing
 from ..texels.tiles import Tiles
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
@@ -243,10 +244,10 @@ def gather_until_sure(
 def sort_by_place(centre: FloatArray, normal: FloatArray) -> Int64:
     """Order of emitters by the signed axis nearest to the normal, then along a Morton curve."""
     place = (np.clip(centre + 0.5, 0, 1) * 1023).astype(np.int64)
-    code = np.zeros(len(place), np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((place[:, axis] >> bit) & 1) << (3 * bit + axis)
-    nearest = np.abs(normal).argmax(axis=1)
-    facing = 2 * nearest + (normal[np.arange(len(normal)), nearest] < 0)
-    return np.lexsort((code, facing))
+    return np.lexsort((code_places(place), find_facing(normal)))
+
+
+def sum_regions(counts: FloatArray, n_block: int) -> Float64:
+    """(n, ...): for each of n blocks, the sum of counts (n, ...) over its region of n_block consecutive blocks."""
+    first = np.arange(0, len(counts), n_block)
+    return np.repeat(np.add.reduceat(counts, first, axis=0), np.diff(first, append=len(counts)), axis=0)

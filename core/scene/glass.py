@@ -17,15 +17,14 @@ from functools import lru_cache
 import numpy as np
 
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, IntArray
-from ..util.geometry import gather, orthonormal_basis
-from .gloss import LEAST_ALPHA, sample_visible_normals, shadow_term
+from ..util.geometry import gather
+from . import ggx
+from .ggx import LEAST_ALPHA, TINY
 from .materials import SurfaceMaterials
 from .scene import SceneSnapshot
 
 _ENTRIES = 33  # per table, at even steps of the square root of the cosine
 _SAMPLES = 1024  # per entry
-_HAIR = np.float32(1e-6)
-_TINY = np.finfo(np.float32).tiny
 _LEAST_IOR = 1e-2
 
 
@@ -88,17 +87,16 @@ class Glass:
         material = gather(self.tri_material, tri)
         alpha, ior = gather(self.alpha, material), gather(self.ior, material)
         eta = np.where(is_front, ior, 1 / ior)
-        tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
-        local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
-        local[2] = np.maximum(local[2], _HAIR)
-        local /= np.sqrt(_dot(local, local))
+        axes = ggx.find_axes(normal)
+        local = ggx.view_along(direction, axes)
+        local /= np.sqrt(ggx.dot(local, local))
         half = np.zeros_like(local)
         half[2] = 1
         rough = (alpha > 0).nonzero()[0]
         if len(rough):
-            half[:, rough] = sample_visible_normals(gather(local, rough), gather(alpha, rough), gather(numbers[:2], rough))
-        cosine = np.clip(_dot(local, half), 0, 1)
-        share, cosine_out = reflectance(cosine, eta)
+            half[:, rough] = ggx.sample_visible_normals(gather(local, rough), gather(alpha, rough), gather(numbers[:2], rough))
+        cosine = np.clip(ggx.dot(local, half), 0, 1)
+        share, cosine_out = ggx.reflectance(cosine, eta)
         fresnel = gather(self.fresnel, material)
         # Without Fresnel's equations, light that would be totally reflected is lost.
         mirrored = np.where(fresnel, share, 0) * gather(self.mirror, material)
@@ -108,22 +106,16 @@ class Glass:
         chance_m, chance_p = chance_m / over, chance_p / over
         is_mirrored = numbers[2] < chance_m
         crossed = ~is_mirrored & (numbers[2] < chance_m + chance_p)
-        weight = np.where(is_mirrored, mirrored / np.maximum(chance_m, _TINY), np.where(crossed, passed / np.maximum(chance_p, _TINY), 0))
+        weight = np.where(is_mirrored, mirrored / np.maximum(chance_m, TINY), np.where(crossed, passed / np.maximum(chance_p, TINY), 0))
         out = np.where(is_mirrored, 2 * cosine * half - local, (cosine / eta - cosine_out) * half - local / eta)
         if len(rough):
             goes = np.where(is_mirrored, out[2], -out[2])
-            factor = mask_both(local[2], goes, alpha) / self._find_kept(material, is_front, local[2])
+            kept = ggx.look_up(self.kept, *ggx.find_place(2 * material.astype(np.intp) + ~is_front, local[2], _ENTRIES))
+            factor = ggx.mask(local[2], goes, alpha) / np.maximum(kept, 1e-3)
             weight = np.where(alpha > 0, weight * factor, weight)
-        turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
-        turned /= np.sqrt(np.maximum(_dot(turned, turned), _TINY))
+        turned = ggx.turn_back(out, axes)
+        turned /= np.sqrt(np.maximum(ggx.dot(turned, turned), TINY))
         return Bent(turned.astype(np.float32), weight.astype(np.float32), crossed, eta.astype(np.float32))
-
-    def _find_kept(self, material: IntArray, is_front: BoolArray, cosine: FloatArray) -> FloatArray:
-        place = np.sqrt(np.minimum(cosine, 1)) * (_ENTRIES - 1)
-        before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
-        low = (2 * material.astype(np.intp) + ~is_front) * _ENTRIES + before
-        first = gather(self.kept, low)
-        return np.maximum(first + (gather(self.kept, low + 1) - first) * (place - before), 1e-3)
 
 
 @dataclass(frozen=True)
@@ -146,46 +138,18 @@ class Bent:
         self.direction[:, rows], self.weight[:, rows], self.crossed[rows] = other.direction, other.weight, other.crossed
 
 
-def reflectance(cosine: FloatArray, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) each: share of unpolarised light at a cosine (n,) with the normal that a smooth interface reflects, 1 for total reflection; and
-    the cosine of the refracted direction with the normal on the other side.
-
-    eta   (n,) float: index of refraction of the other side, relative to the side that light comes from
-    Source: Walter et al. 2007, eq. 22.
-    """
-    square = 1 - (1 - cosine * cosine) / (eta * eta)
-    inside = square > 0
-    other = np.sqrt(np.where(inside, square, 0))
-    across = (cosine - eta * other) / np.maximum(cosine + eta * other, _TINY)
-    along = (eta * cosine - other) / np.maximum(eta * cosine + other, _TINY)
-    return np.where(inside, 0.5 * (across * across + along * along), 1), other
-
-
-def mask_both(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
-    """(n,): G2 / G1 for an outgoing direction on either side; 0 for cosine_out <= 0, which is on the wrong side."""
-    into, out = shadow_term(cosine_in, alpha), shadow_term(np.maximum(cosine_out, 1e-6), alpha)
-    return np.where(cosine_out > 0, (1 + into) / (1 + into + out), 0)
-
-
 @lru_cache(maxsize=1024)
 def tabulate_glass(alpha: float, eta: float, fresnel: bool) -> Float64:
     """(_ENTRIES,): share of light that single scattering reflects and refracts together, by the cosine with the normal."""
     if alpha == 0:
         return np.ones(_ENTRIES)
-    cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), _SAMPLES)
-    index = np.arange(_SAMPLES)
-    # Source: Rank-1 lattice by the golden ratio; Niederreiter 1992.
-    numbers = np.tile(np.stack([(index + 0.5) / _SAMPLES, index * 0.6180339887498949 % 1]), _ENTRIES)
-    view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine])
+    view, numbers = ggx.tabulated_views(_ENTRIES, _SAMPLES)
+    cosine = view[2]
     rough = np.full_like(cosine, alpha)
-    half = sample_visible_normals(view, rough, numbers)
-    facing = np.clip(_dot(view, half), 0, 1)
-    share, other = reflectance(facing, np.full_like(cosine, eta))
-    back = mask_both(cosine, 2 * facing * half[2] - cosine, rough)
-    through = mask_both(cosine, cosine / eta - (facing / eta - other) * half[2], rough)
+    half = ggx.sample_visible_normals(view, rough, numbers)
+    facing = np.clip(ggx.dot(view, half), 0, 1)
+    share, other = ggx.reflectance(facing, np.full_like(cosine, eta))
+    back = ggx.mask(cosine, 2 * facing * half[2] - cosine, rough)
+    through = ggx.mask(cosine, cosine / eta - (facing / eta - other) * half[2], rough)
     kept: FloatArray = share * back + (1 - share) * through if fresnel else np.where(share < 1, through, 1)
     return kept.reshape(_ENTRIES, _SAMPLES).mean(axis=1)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.einsum("kn,kn->n", a, b)

@@ -26,15 +26,14 @@ from typing import Any
 import numpy as np
 
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, IntArray
-from ..util.geometry import gather, orthonormal_basis
+from ..util.geometry import gather
+from . import ggx
+from .ggx import ENTRIES, LEAST_COSINE
 from .materials import SurfaceMaterials
 from .scene import MAX_ALBEDO, Material, SceneSnapshot
 from .sheen import average_sheen, evaluate_sheen, sample_sheen, tabulate_sheen
 
-LEAST_ALPHA = 1e-3  # of a mirror; its lobe is a twentieth of a degree wide
-_ENTRIES = 65  # per table, at even steps of the square root of the cosine, since tables vary fastest at grazing angles
 _SAMPLES = 2048  # per entry
-_HAIR = np.float32(1e-6)
 _LEAST_SHARE = 1e-6  # of a surface
 _LEVELS = 16  # steps of roughness from 0 to 1 in images
 _LEVEL_SAMPLES = 512
@@ -48,7 +47,7 @@ class Coat:
 
     alpha, ior, share   (n_row,) float32: as in Gloss for the layer
     mean                (n_row,) float32: mean Fresnel reflectance
-    lost                (n_row * _ENTRIES,) float32: as in Gloss
+    lost                (n_row * ENTRIES,) float32: as in Gloss
     albedo              likewise: albedo of the coat times its share of the surface
     tint                (3, n_row) float32: as in Material; None if all are white
     """
@@ -67,12 +66,12 @@ class Coat:
         share = np.array([one.coat for one in rows], np.float32)
         if not share.any():
             return None
-        alpha = np.array([max(one.coat_roughness**2, LEAST_ALPHA) for one in rows], np.float32)
+        alpha = np.array([max(one.coat_roughness**2, ggx.LEAST_ALPHA) for one in rows], np.float32)
         ior = np.array([max(one.coat_ior, 1.0) for one in rows], np.float32)
         tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
         lost, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in (0, 3))
         mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
-        albedo *= np.repeat(share, _ENTRIES) * (1 + np.repeat(mean, _ENTRIES) * lost)
+        albedo *= np.repeat(share, ENTRIES) * (1 + np.repeat(mean, ENTRIES) * lost)
         tint = np.clip(np.array([one.coat_tint_rgb for one in rows], np.float32).T, 0, 1)
         return cls(alpha, ior, share, mean, lost, albedo, None if (tint == 1).all() else tint)
 
@@ -83,7 +82,7 @@ class Sheen:
 
     rgb        (3, n_row) float32: share of the surface that has sheen, times its tint
     mean_rgb   (3, n_row) float32: its reflectance for even light, which the material's albedo contains
-    a, b       (n_row * _ENTRIES,) float32: parameters of the lobe, by the cosine of the view direction; see sheen
+    a, b       (n_row * ENTRIES,) float32: parameters of the lobe, by the cosine of the view direction; see sheen
     albedo     likewise: albedo of white sheen
     under      likewise: transmittance to what is below, relative to that for even light, which the material's colours contain
     """
@@ -102,12 +101,12 @@ class Sheen:
         if not rgb.any():
             return None
         mean = np.array([average_sheen(one.sheen_roughness) for one in rows], np.float32)
-        tables = [tabulate_sheen(one.sheen_roughness, _ENTRIES) for one in rows]
+        tables = [tabulate_sheen(one.sheen_roughness, ENTRIES) for one in rows]
         a, b, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
         most = rgb.max(axis=0)
         other = np.array([one.diffuse + (one.metal if any(one.metal_rgb) else 0.0) for one in rows], np.float32)
         covered = np.minimum(most / np.maximum(other + most * mean, _LEAST_SHARE), 1)
-        under = (1 - np.repeat(covered, _ENTRIES) * albedo) / np.repeat(1 - covered * mean, _ENTRIES)
+        under = (1 - np.repeat(covered, ENTRIES) * albedo) / np.repeat(1 - covered * mean, ENTRIES)
         return cls(rgb, rgb * mean, a, b, albedo, under)
 
 
@@ -160,7 +159,7 @@ class Gloss:
     layer_mean     (n_row,) float32: mean Fresnel reflectance of the layer
     kept_mean      (n_row,) float32: mean of E over the hemisphere
     rising         (n_row,) float32: 1 if a metal's reflectance rises to the edge by Schlick's formula, 0 if it is constant
-    lost           (n_row * _ENTRIES,) float32: 1 / E - 1, by the cosine with the normal
+    lost           (n_row * ENTRIES,) float32: 1 / E - 1, by the cosine with the normal
     restored       likewise, but 0 for materials that scatter only once
     edge           likewise: albedo of a black metal, which Schlick's formula makes reflect at the edges, by single scattering
     dielectric     likewise: albedo of the layer
@@ -208,25 +207,25 @@ class Gloss:
         layer = np.array([one.layer for one in rows], np.float32)
         metal = np.array([one.metal if any(one.metal_rgb) else 0.0 for one in rows], np.float32)
         coat = Coat.of(rows)
-        alpha = np.array([max(one.roughness**2, LEAST_ALPHA) for one in rows], np.float32)
+        alpha = np.array([max(one.roughness**2, ggx.LEAST_ALPHA) for one in rows], np.float32)
         ior = np.array([max(one.ior, 1.0) for one in rows], np.float32)
         tint = np.array([one.layer_tint for one in rows], np.float32)
         samples = [_SAMPLES if one.lobe_image < 0 else _LEVEL_SAMPLES for one in rows]
         lobes = [tabulate_lobe(float(a), float(n), float(t), k) for a, n, t, k in zip(alpha, ior, tint, samples, strict=True)]
         lost, edge, dip, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(4))
         rising = np.array([not one.metal_flat for one in rows], np.float32)
-        edge *= np.repeat(rising, _ENTRIES)
+        edge *= np.repeat(rising, ENTRIES)
         layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
-        kept_mean = average_kept(lost.reshape(-1, _ENTRIES)).astype(np.float32)
-        is_restored = np.repeat(np.array([one.multiscatter for one in rows], bool), _ENTRIES)
+        kept_mean = average_kept(lost.reshape(-1, ENTRIES)).astype(np.float32)
+        is_restored = np.repeat(np.array([one.multiscatter for one in rows], bool), ENTRIES)
         restored = np.where(is_restored, lost, np.float32(0))
         # With single scattering the layer also takes the energy that its lobe loses from the diffuse light.
-        covered = dielectric * np.where(is_restored, 1 + np.repeat(layer_mean, _ENTRIES) * restored, 1 + lost)
-        dielectric *= 1 + np.repeat(layer_mean, _ENTRIES) * restored
+        covered = dielectric * np.where(is_restored, 1 + np.repeat(layer_mean, ENTRIES) * restored, 1 + lost)
+        dielectric *= 1 + np.repeat(layer_mean, ENTRIES) * restored
         diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in rows], np.float32)
-        below = 1 - np.repeat(np.minimum(layer / diffuse, 1), _ENTRIES) * covered
+        below = 1 - np.repeat(np.minimum(layer / diffuse, 1), ENTRIES) * covered
         if coat:
-            below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), _ENTRIES)
+            below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), ENTRIES)
         sheen = Sheen.of(rows)
         if sheen:
             below *= sheen.under
@@ -268,21 +267,21 @@ class Gloss:
     def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32:
         """(3, n): specular albedo for directions at a cosine (n,) with the normal."""
         row, share, layer = self._find_lobes(tri, u, v)
-        place = _find_place(row, cosine)
-        edge, lost = _look_up(self.edge, *place), _look_up(self.lost, *place)
+        place = ggx.find_place(row, cosine)
+        edge, lost = ggx.look_up(self.edge, *place), ggx.look_up(self.lost, *place)
         color = self.surfaces.metal_at(tri, u, v).T
         dip = self._find_dip(row, color, share)
         single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
         if dip is not None:
-            single = np.maximum(single - dip * _look_up(self.dip, *place), 0)
-        restored = _look_up(self.restored, *place)
+            single = np.maximum(single - dip * ggx.look_up(self.dip, *place), 0)
+        restored = ggx.look_up(self.restored, *place)
         single = single * _give_back(color, share, dip, restored, gather(self.kept_mean, row), gather(self.rising, row))
-        out: Float32 = single + layer * _look_up(self.dielectric, *place)
+        out: Float32 = single + layer * ggx.look_up(self.dielectric, *place)
         if self.coat:
-            covered = _look_up(self.coat.albedo, *place)
+            covered = ggx.look_up(self.coat.albedo, *place)
             out = covered + (1 - covered) * out
         if self.sheen:
-            out = out * _look_up(self.sheen.under, *place) + gather(self.sheen.rgb, row) * _look_up(self.sheen.albedo, *place)
+            out = out * ggx.look_up(self.sheen.under, *place) + gather(self.sheen.rgb, row) * ggx.look_up(self.sheen.albedo, *place)
         return out
 
     def below_layer(self, row: IntArray, cosine: Float32) -> Float32:
@@ -290,20 +289,21 @@ class Gloss:
 
         row   (n,), from find_rows
         """
-        return _look_up(self.below, *_find_place(row, cosine))
+        return ggx.look_up(self.below, *ggx.find_place(row, cosine))
 
     def below_coat(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32 | None:
         """(n,): transmittance of the coat above glass at a view cosine (n,) with the normal; None if nothing has a coat."""
-        return None if self.coat is None else 1 - _look_up(self.coat.albedo, *_find_place(self.find_rows(tri, u, v), cosine))
+        return None if self.coat is None else 1 - ggx.look_up(self.coat.albedo, *ggx.find_place(self.find_rows(tri, u, v), cosine))
 
     def tint_below_coat(self, tri: IntArray, u: FloatArray, v: FloatArray, cosine: Float32) -> Float32 | None:
         """(3, n): factor by which a coat's tint, seen at a cosine (n,), colours glass more or less than on its mean path; None for none."""
         if self.coat is None or self.coat.tint is None:
             return None
         row = self.find_rows(tri, u, v)
-        tint, share, ior = gather(self.coat.tint, row), gather(self.coat.share, row), np.maximum(gather(self.coat.ior, row), 1 + _HAIR)
+        tint, share, ior = gather(self.coat.tint, row), gather(self.coat.share, row), gather(self.coat.ior, row)
+        ior = np.maximum(ior, 1 + LEAST_COSINE)
         path = 1 / np.sqrt(1 - (1 - np.minimum(cosine, 1) ** 2) / ior**2)
-        return tint_by_coat(tint, share, path) / np.maximum(tint_by_coat(tint, share, find_mean_path(ior)), _HAIR)
+        return tint_by_coat(tint, share, path) / np.maximum(tint_by_coat(tint, share, find_mean_path(ior)), LEAST_COSINE)
 
     def reflect(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool = False
@@ -317,13 +317,13 @@ class Gloss:
         """
         if not self.sheen:
             return self._reflect_solid(tri, u, v, direction, normal, numbers, of_light)
-        sheen, row, cosine = self.sheen, self.find_rows(tri, u, v), np.maximum(-_dot(direction, normal), _HAIR)
-        own = gather(sheen.rgb, row) * _look_up(sheen.albedo, *_find_place(row, cosine))
-        chance = own.max(axis=0) / np.maximum(self.albedo_at(tri, u, v, cosine).max(axis=0), _HAIR)
+        sheen, row, cosine = self.sheen, self.find_rows(tri, u, v), np.maximum(-ggx.dot(direction, normal), LEAST_COSINE)
+        own = gather(sheen.rgb, row) * ggx.look_up(sheen.albedo, *ggx.find_place(row, cosine))
+        chance = own.max(axis=0) / np.maximum(self.albedo_at(tri, u, v, cosine).max(axis=0), LEAST_COSINE)
         chosen, numbers = _choose(chance, numbers)
         turned, rgb = self._reflect_solid(tri, u, v, direction, normal, numbers, of_light)
-        seen = np.maximum(_dot(turned, normal), 0) if of_light else cosine
-        rgb *= _look_up(sheen.under, *_find_place(row, seen)) / np.where(chosen, 1, 1 - chance)
+        seen = np.maximum(ggx.dot(turned, normal), 0) if of_light else cosine
+        rgb *= ggx.look_up(sheen.under, *ggx.find_place(row, seen)) / np.where(chosen, 1, 1 - chance)
         at = chosen.nonzero()[0]
         turned[:, at], fibre = self._reflect_fibres(
             gather(row, at), gather(direction, at), gather(normal, at), gather(numbers, at), of_light
@@ -337,19 +337,17 @@ class Gloss:
         """As reflect, for sheen only."""
         sheen = self.sheen
         assert sheen
-        axes = (*(axis.T for axis in orthonormal_basis(normal.T)), normal)
-        local = np.stack([-_dot(direction, axis) for axis in axes])
-        local[2] = np.maximum(local[2], _HAIR)
+        axes = ggx.find_axes(normal)
+        local = ggx.view_along(direction, axes)
         if of_light:  # cosine sampling, since the lobe is given for the view direction, which is the outgoing one here
             radius, turn = np.sqrt(numbers[0]), 2 * np.pi * numbers[1]
             out = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - numbers[0])])
-            place = _find_place(row, out[2])
-            worth = np.pi * evaluate_sheen(out, local, _look_up(sheen.a, *place), _look_up(sheen.b, *place))
+            place = ggx.find_place(row, out[2])
+            worth = np.pi * evaluate_sheen(out, local, ggx.look_up(sheen.a, *place), ggx.look_up(sheen.b, *place))
         else:
-            place = _find_place(row, local[2])
-            out, worth = sample_sheen(local, _look_up(sheen.a, *place), _look_up(sheen.b, *place), numbers), np.ones(len(row))
-        turned = out[0] * axes[0] + out[1] * axes[1] + out[2] * normal
-        return turned.astype(np.float32), gather(sheen.rgb, row) * (_look_up(sheen.albedo, *place) * worth)
+            place = ggx.find_place(row, local[2])
+            out, worth = sample_sheen(local, ggx.look_up(sheen.a, *place), ggx.look_up(sheen.b, *place), numbers), np.ones(len(row))
+        return ggx.turn_back(out, axes).astype(np.float32), gather(sheen.rgb, row) * (ggx.look_up(sheen.albedo, *place) * worth)
 
     def _reflect_solid(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, numbers: Float32, of_light: bool
@@ -357,38 +355,37 @@ class Gloss:
         """As reflect, for everything but sheen."""
         row, share, layer = self._find_lobes(tri, u, v)
         alpha = gather(self.alpha, row)
-        tangent, bitangent = (axis.T for axis in orthonormal_basis(normal.T))
-        local = np.stack([-_dot(direction, axis) for axis in (tangent, bitangent, normal)])
-        local[2] = np.maximum(local[2], _HAIR)
+        axes = ggx.find_axes(normal)
+        local = ggx.view_along(direction, axes)
         if self.coat:
-            place = _find_place(row, local[2])
-            covered, above = _look_up(self.coat.albedo, *place), gather(self.coat.share, row)
+            place = ggx.find_place(row, local[2])
+            covered, above = ggx.look_up(self.coat.albedo, *place), gather(self.coat.share, row)
             below = self.albedo_at(tri, u, v, local[2]).max(axis=0) - covered
-            chance = covered / np.maximum(covered + np.maximum(below, 0), _HAIR)
+            chance = covered / np.maximum(covered + np.maximum(below, 0), LEAST_COSINE)
             coats, numbers = _choose(chance, numbers)
             alpha = np.where(coats, gather(self.coat.alpha, row), alpha)
-        half = sample_visible_normals(local, alpha, numbers)
-        cosine = np.clip(_dot(local, half), 0, 1)
+        half = ggx.sample_visible_normals(local, alpha, numbers)
+        cosine = np.clip(ggx.dot(local, half), 0, 1)
         out = 2 * cosine * half - local
         rising = gather(self.rising, row)
         edge: FloatArray = rising * (1 - cosine) ** 5
-        place = _find_place(row, np.maximum(out[2], 0) if of_light else local[2])
-        restored = _look_up(self.restored, *place)
+        place = ggx.find_place(row, np.maximum(out[2], 0) if of_light else local[2])
+        restored = ggx.look_up(self.restored, *place)
         color = self.surfaces.metal_at(tri, u, v).T
         dip = self._find_dip(row, color, share)
         rgb: FloatArray = color * (1 - edge) + share * edge
         if dip is not None:
             rgb = np.maximum(rgb - dip * (cosine * (1 - cosine) * edge), 0)
         rgb = rgb * _give_back(color, share, dip, restored, gather(self.kept_mean, row), rising)
-        layer = layer * tinted_fresnel(cosine, gather(self.ior, row), gather(self.tint, row))
+        layer = layer * ggx.tinted_fresnel(cosine, gather(self.ior, row), gather(self.tint, row))
         rgb = rgb + layer * (1 + gather(self.layer_mean, row) * restored)
         if self.coat:
-            own = above * fresnel(cosine, gather(self.coat.ior, row)) * (1 + gather(self.coat.mean, row) * _look_up(self.coat.lost, *place))
-            left = 1 - _look_up(self.coat.albedo, *place)
-            rgb = np.where(coats, own / np.maximum(chance, _HAIR), rgb * left / np.where(coats, 1, 1 - chance))
-        rgb = rgb * mask(local[2], out[2], alpha)
-        turned = out[0] * tangent + out[1] * bitangent + out[2] * normal
-        return turned.astype(np.float32), rgb.astype(np.float32)
+            again = 1 + gather(self.coat.mean, row) * ggx.look_up(self.coat.lost, *place)
+            own = above * ggx.fresnel(cosine, gather(self.coat.ior, row)) * again
+            left = 1 - ggx.look_up(self.coat.albedo, *place)
+            rgb = np.where(coats, own / np.maximum(chance, LEAST_COSINE), rgb * left / np.where(coats, 1, 1 - chance))
+        rgb = rgb * ggx.mask(local[2], out[2], alpha)
+        return ggx.turn_back(out, axes).astype(np.float32), rgb.astype(np.float32)
 
 
 def find_mean_path(ior: Any) -> Any:
@@ -399,61 +396,6 @@ def find_mean_path(ior: Any) -> Any:
 def tint_by_coat(tint: FloatArray, share: Any, path: Any) -> FloatArray:
     """(3, ...): what a coat's tint (3, ...) leaves of light on a way of some length through it, where it covers a share of the surface."""
     return 1 - share + share * tint**path
-
-
-def sample_visible_normals(view: FloatArray, alpha: FloatArray, numbers: FloatArray) -> FloatArray:
-    """(3, n): normals of microfacets visible from view (3, n), around +Z, with density G1 max(view . h, 0) D / view_z per steradian.
-
-    alpha     (n,) float
-    numbers   (2, n) float, uniform in [0, 1)
-    Source: Heitz 2018, appendix A.
-    """
-    stretched = np.stack([alpha * view[0], alpha * view[1], view[2]])
-    stretched /= np.sqrt(_dot(stretched, stretched))
-    length = np.sqrt(stretched[0] ** 2 + stretched[1] ** 2)
-    upright = length < 1e-7
-    length = np.where(upright, 1, length)
-    first = np.stack([np.where(upright, 1, -stretched[1] / length), np.where(upright, 0, stretched[0] / length), np.zeros_like(length)])
-    second = np.cross(stretched, first, axis=0)
-    radius, turn = np.sqrt(numbers[0]), 2 * np.pi * numbers[1]
-    x, y = radius * np.cos(turn), radius * np.sin(turn)
-    share = 0.5 * (1 + stretched[2])
-    y = (1 - share) * np.sqrt(np.maximum(1 - x * x, 0)) + share * y
-    half = x * first + y * second + np.sqrt(np.maximum(1 - x * x - y * y, 0)) * stretched
-    out = np.stack([alpha * half[0], alpha * half[1], np.maximum(half[2], 1e-9)])
-    return out / np.sqrt(_dot(out, out))
-
-
-def mask(cosine_in: FloatArray, cosine_out: FloatArray, alpha: FloatArray) -> FloatArray:
-    """(n,): G2 / G1, the weight without Fresnel of a direction that was reflected at a sampled visible normal; 0 below the surface.
-
-    Source: Heitz 2018, eq. 19, with the height-correlated G2 of Heitz 2014.
-    """
-    into, out = shadow_term(cosine_in, alpha), shadow_term(np.maximum(cosine_out, 1e-6), alpha)
-    return np.where(cosine_out > 0, (1 + into) / (1 + into + out), 0)
-
-
-def fresnel(cosine: FloatArray, ior: FloatArray) -> FloatArray:
-    """(n,): share of unpolarised light from outside, at a cosine (n,) with the normal, that a smooth dielectric reflects.
-
-    Source: Walter et al. 2007, eq. 22.
-    """
-    g = np.sqrt(np.maximum(ior * ior - 1 + cosine * cosine, 0))
-    ratio = (g - cosine) / np.maximum(g + cosine, 1e-9)
-    other = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1)
-    return 0.5 * ratio * ratio * (1 + other * other)
-
-
-def tinted_fresnel(cosine: FloatArray, ior: FloatArray, tint: FloatArray) -> FloatArray:
-    """(n,): as fresnel, with the reflection at normal incidence scaled by a tint (n,) and that at grazing incidence unchanged.
-
-    Source: Hoffman 2019, "Fresnel equations considered harmful", with the exact equations in between; as Specular Tint of the Principled
-    BSDF in Cycles.
-    """
-    whole = fresnel(cosine, ior)
-    straight_on = ((ior - 1) / (ior + 1)) ** 2
-    grazing = np.maximum(whole - straight_on, 0) / np.maximum(1 - straight_on, 1e-6)
-    return tint * whole + (1 - tint) * grazing
 
 
 def reflect_schlick(cosine: float, straight_on: FloatArray) -> FloatArray:
@@ -476,37 +418,33 @@ def reflect_conductor(cosine: float, ior: FloatArray, extinction: FloatArray) ->
 def average_fresnel(ior: float, tint: float = 1.0) -> float:
     """Cosine-weighted mean of tinted_fresnel over the hemisphere."""
     cosine = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    return float((2 * cosine * tinted_fresnel(cosine, np.full(_SAMPLES, ior), np.full(_SAMPLES, tint))).mean())
+    return float((2 * cosine * ggx.tinted_fresnel(cosine, np.full(_SAMPLES, ior), np.full(_SAMPLES, tint))).mean())
 
 
 @lru_cache(maxsize=1024)
 def tabulate_lobe(alpha: float, ior: float, tint: float = 1.0, samples: int = _SAMPLES) -> tuple[Float64, Float64, Float64, Float64]:
-    """(_ENTRIES,) each, by the cosine with the normal: 1 / E - 1, and the means over the lobe, by single scattering, of Schlick's
+    """(ENTRIES,) each, by the cosine with the normal: 1 / E - 1, and the means over the lobe, by single scattering, of Schlick's
     (1 - cos)^5, of cos (1 - cos)^6 and of tinted_fresnel.
     """
-    cosine = np.repeat(np.maximum(np.linspace(0, 1, _ENTRIES) ** 2, 1e-5), samples)
-    index = np.arange(samples)
-    # Source: Rank-1 lattice by the golden ratio; Niederreiter 1992.
-    numbers = np.stack([(index + 0.5) / samples, index * 0.6180339887498949 % 1])
-    numbers = np.tile(numbers, _ENTRIES)
-    view = np.stack([np.sqrt(1 - cosine**2), np.zeros_like(cosine), cosine])
-    half = sample_visible_normals(view, np.full_like(cosine, alpha), numbers)
-    facing = np.clip(_dot(view, half), 0, 1)
-    weight = mask(cosine, 2 * facing * half[2] - cosine, np.full_like(cosine, alpha))
+    view, numbers = ggx.tabulated_views(ENTRIES, samples)
+    cosine = view[2]
+    half = ggx.sample_visible_normals(view, np.full_like(cosine, alpha), numbers)
+    facing = np.clip(ggx.dot(view, half), 0, 1)
+    weight = ggx.mask(cosine, 2 * facing * half[2] - cosine, np.full_like(cosine, alpha))
 
     def mean(values: FloatArray) -> Float64:
-        return values.reshape(_ENTRIES, samples).mean(axis=1)
+        return values.reshape(ENTRIES, samples).mean(axis=1)
 
     albedo, at_edge = mean(weight), weight * (1 - facing) ** 5
-    reflected = tinted_fresnel(facing, np.full_like(cosine, ior), np.full_like(cosine, tint))
+    reflected = ggx.tinted_fresnel(facing, np.full_like(cosine, ior), np.full_like(cosine, tint))
     return 1 / albedo - 1, mean(at_edge), mean(at_edge * facing * (1 - facing)), mean(weight * reflected)
 
 
 def average_kept(lost: FloatArray) -> FloatArray:
-    """(n,): cosine-weighted means of E over the hemisphere, from tables (n, _ENTRIES) of 1 / E - 1."""
-    root = np.linspace(0, 1, _ENTRIES)
+    """(n,): cosine-weighted means of E over the hemisphere, from tables (n, ENTRIES) of 1 / E - 1."""
+    root = np.linspace(0, 1, ENTRIES)
     kept = 1 / (1 + lost) * (4 * root**3)  # 2 cos d cos
-    out: FloatArray = ((kept[:, 1:] + kept[:, :-1]) * 0.5).sum(axis=1) / (_ENTRIES - 1)
+    out: FloatArray = ((kept[:, 1:] + kept[:, :-1]) * 0.5).sum(axis=1) / (ENTRIES - 1)
     return np.minimum(out, 1)
 
 
@@ -528,30 +466,8 @@ def _give_back(
     return 1 + mean * kept_mean / (1 - mean * (1 - kept_mean)) * restored
 
 
-def shadow_term(cosine: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Smith's Lambda of GGX. Source: Walter et al. 2007, eq. 34; Heitz 2014, eq. 72."""
-    tangent2 = np.maximum(1 / (cosine * cosine) - 1, 0)
-    return 0.5 * (np.sqrt(1 + alpha * alpha * tangent2) - 1)
-
-
 def _choose(chance: FloatArray, numbers: FloatArray) -> tuple[BoolArray, FloatArray]:
     """(n,) bool: whether the first of two options is chosen, with probabilities chance (n,); and (2, n): numbers (2, n) to use further."""
     first = numbers[0] < chance
-    rest = np.where(first, numbers[0] / np.maximum(chance, _HAIR), (numbers[0] - chance) / np.maximum(1 - chance, _HAIR))
-    return first, np.stack([np.clip(rest, 0, 1 - _HAIR), numbers[1]])
-
-
-def _find_place(row: IntArray, cosine: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Place of cosines (n,) in the tables of rows (n,): index of the entry before, and fraction of the way to the next."""
-    place = np.sqrt(np.minimum(np.abs(cosine), 1)) * (_ENTRIES - 1)
-    before = np.minimum(place, _ENTRIES - 2).astype(np.intp)
-    return row * _ENTRIES + before, place - before
-
-
-def _look_up(table: Float32, before: IntArray, share: FloatArray) -> Float32:
-    low = gather(table, before)
-    return low + (gather(table, before + 1) - low) * share.astype(np.float32)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.einsum("kn,kn->n", a, b)
+    rest = np.where(first, numbers[0] / np.maximum(chance, LEAST_COSINE), (numbers[0] - chance) / np.maximum(1 - chance, LEAST_COSINE))
+    return first, np.stack([np.clip(rest, 0, 1 - LEAST_COSINE), numbers[1]])

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import room_mesh
-from leaflight.core.scene.glass import Glass, reflectance
+from leaflight.core.scene.ggx import reflectance
+from leaflight.core.scene.glass import Glass
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Light, Material
 from safe_bakes import bake_and_audit

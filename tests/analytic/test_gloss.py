@@ -6,19 +6,8 @@ import numpy as np
 import pytest
 from boxes import room_mesh, solve_scene
 from floors import lit_scene, trace_first
-from leaflight.core.scene.gloss import (
-    EDGE_COSINE,
-    LEAST_ALPHA,
-    Gloss,
-    find_mean_path,
-    fresnel,
-    mask,
-    reflect_conductor,
-    reflect_schlick,
-    sample_visible_normals,
-    tabulate_lobe,
-    tinted_fresnel,
-)
+from leaflight.core.scene.ggx import LEAST_ALPHA, fresnel, mask, sample_visible_normals, tinted_fresnel
+from leaflight.core.scene.gloss import EDGE_COSINE, Gloss, find_mean_path, reflect_conductor, reflect_schlick, tabulate_lobe
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material, SceneSnapshot, TextureImage
 from leaflight.core.scene.sheen import average_sheen, evaluate_sheen, tabulate_sheen

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import Patch, lit_scene, sigma_limit
-from leaflight.core.lights.direct_lights import TriangleSource, WorldSource
-from leaflight.core.lights.direct_sources import join_sources, make_lamps, make_suns
+from floors import Patch, sigma_limit
+from leaflight.core.lights.direct_lights import TriangleSource, WorldSource, join_sources, make_lamps, make_suns
 from leaflight.core.lights.emitters import usable_power
 from leaflight.core.lights.lights import make_light_emitter
 from leaflight.core.scene.scene import Light
@@ -37,8 +36,7 @@ LIMIT = sigma_limit(len(LIGHTS))
 
 
 def source_of(light: Light):
-    scene = replace(lit_scene(), lights=(light,))
-    return (make_lamps(scene, UNIT_BOX) + make_suns(scene))[0]
+    return (make_lamps([light], UNIT_BOX, ()) + make_suns([light]))[0]
 
 
 def grid_numbers(side: int) -> np.ndarray:

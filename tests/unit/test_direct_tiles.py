@@ -10,8 +10,8 @@ import pytest
 from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, sigma_limit, to_grid
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.integrate.direct_tiles import look_from_tiles
+from leaflight.core.lights.direct_lights import make_lamps
 from leaflight.core.lights.direct_points import TexelChunk
-from leaflight.core.lights.direct_sources import make_lamps
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.tiles import Tiles
 from leaflight.core.util.geometry import UnitBox
@@ -65,7 +65,7 @@ class TestClosedForms:
         prepared = prepare(scene)[0]
         chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), prepared.surfaces, False)
         tiles = floor_tiles(SIDE)
-        look = look_from_tiles(prepared.rays, chunk, tiles, make_lamps(scene, box)[0], np.zeros((len(tiles), 2), np.uint32))
+        look = look_from_tiles(prepared.rays, chunk, tiles, make_lamps(scene.lights, box, ())[0], np.zeros((len(tiles), 2), np.uint32))
         column, row = morton_square(SIDE)
         distance = np.hypot(column / SIDE - 0.3, row / SIDE - 0.4)
         assert np.isnan(look.closed[distance < 0.2]).all()

@@ -11,7 +11,7 @@ from closed_forms import from_polygon
 from floors import floor_looks, floor_tiles, lit_scene, prepare, to_grid
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
-from leaflight.core.lights.direct_sources import make_triangle_sources
+from leaflight.core.lights.direct_lights import make_triangle_sources
 from leaflight.core.lights.emitting_cells import find_emitting_cells
 from leaflight.core.lights.light_links import LightLinks
 from leaflight.core.scene.scene import Material, SceneSnapshot, TextureImage
@@ -29,7 +29,7 @@ def as_sources(scene: SceneSnapshot) -> DirectScene:
     """The same scene with each emitting triangle as a source of its own."""
     pooled, _, surfaces = prepare(scene)
     ((_, cells),) = find_emitting_cells(scene, surfaces, LightLinks.of(scene))
-    sources = make_triangle_sources(cells, pooled.surfaces.corner_unit, pooled.surfaces.normal)
+    sources = make_triangle_sources(cells, pooled.surfaces.corner_unit, pooled.surfaces.normal, np.zeros(scene.n_tri, bool))
     return replace(pooled, pools=(), sources=tuple(sources))
 
 

@@ -13,6 +13,7 @@ from leaflight.core.lights.lights import (
     make_light_emitter,
     sample_spot_drop,
     sample_spread_angle,
+    spot_attenuation,
     spread_attenuation,
 )
 from leaflight.core.scene.scene import Light
@@ -232,7 +233,7 @@ def test_spot_angles_follow_the_attenuation(blend, hold):
     u = np.random.default_rng(4).random(N_PHOTON)
     counts, _ = np.histogram(sample_spot_drop(u, cone.drop, cone.blend), bins=40, range=(0, 0.4))
     fine = (np.arange(40 * 200) + 0.5) * 0.4 / 8000
-    density = cone.attenuation(1 - fine).reshape(40, 200).sum(axis=1)
+    density = spot_attenuation(1 - fine, cone.drop, cone.blend).reshape(40, 200).sum(axis=1)
     used = density > 1e-3 * density.max()
     expected = N_PHOTON * density / density.sum()
     hold_angles(hold, counts[used], expected[used], np.linspace(0.97, 1.03, 40)[used])

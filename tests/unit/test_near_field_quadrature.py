@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from floors import floor_looks, lit_scene, morton_square, prepare
 from leaflight.core.integrate.near_field_quadrature import average_peaks, find_peaks
-from leaflight.core.lights.direct_lights import Source
+from leaflight.core.lights.direct_lights import Source, join_sources, make_lamps, make_suns
 from leaflight.core.lights.direct_points import GAUSS_POINTS, TexelChunk
-from leaflight.core.lights.direct_sources import join_sources, make_lamps, make_suns
 from leaflight.core.scene.scene import Light
 from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.util.geometry import ORIGIN_OFFSET, UnitBox
@@ -31,7 +30,7 @@ def chunk():
 
 
 def source_of(*lights: Light) -> Source:
-    return join_sources(make_lamps(lit_scene(lights=lights), UnitBox.from_points(lit_scene().vertex_position)))[0][0]
+    return join_sources(make_lamps(lights, UnitBox.from_points(lit_scene().vertex_position), ()))[0][0]
 
 
 def sum_finely(source: Source, chunk: TexelChunk, strata: int = 72) -> np.ndarray:
@@ -87,4 +86,4 @@ def test_only_texels_near_a_lamp_hold_a_peak(chunk):
     assert not near[distance > 6].any()
     assert not find_peaks(source_of(replace(LAMP, position_m=(0.43, 0.55, 1.0))), receivers, 4).any()
     assert not find_peaks(source_of(replace(TILE, size_m=(2.0, 2.0))), receivers, 4).any(), "a panel of many texels is even"
-    assert not find_peaks(make_suns(lit_scene(lights=[Light("SUN", "Sun", power_rgb=(1.0,) * 3)]))[0], receivers, 4).any()
+    assert not find_peaks(make_suns([Light("SUN", "Sun", power_rgb=(1.0,) * 3)])[0], receivers, 4).any()
