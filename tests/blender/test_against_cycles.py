@@ -18,7 +18,8 @@ from leaflight.core.util.job import SNAPSHOT_FILE
 from leaflight.core.util.settings import Settings
 from stats import PLANTED_BIAS
 
-SIZE, SAMPLES = 64, 400
+# The best texels are chosen with Cycles' own noise: by 400 samples a bias of 3 % came out as a rel of 2.0 to 2.4 %, by 2,500 as 2.4 %.
+SIZE, SAMPLES = 64, 1600
 SETTINGS = Settings(size=SIZE, share_meshes=False, even_out=False, passes=("lighting",), error=0.005, max_photons=8_000_000, workers=1)
 ABOVE = (0.5, 0.3, 1.6)
 
