@@ -36,21 +36,6 @@ def test_a_line_of_a_domain_drops_to_lower_order():
     assert np.isfinite(functions).all()
 
 
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_functions_are_orthonormal_on_whole_squares_and_on_nearly_whole_ones(degree):
-    """Of any size, beside each other: most nodes are such, and are told apart from those that only seem so."""
-    place, weight = np.polynomial.legendre.leggauss(5)
-    s, t, weight = (np.ravel(values) for values in (*np.meshgrid(place, place), np.outer(weight, weight) / 4))
-    areas = np.array([1e-30, 1e-4, 1.0, 1.0, 1e12, 1.0, 1.0, 1e-15])
-    shares = np.array([np.where(s > 0.9, 1.0 - missing, 1.0) for missing in (0.0, 0.0, 0.0, 1e-3, 0.0, 1e-10, 0.5, 0.5)])
-    values = np.array(basis.monomials(s, t, 2 * degree))
-    moment = (areas[:, None] * shares * weight) @ values.T
-    functions = basis.orthonormal_functions(basis.gram_matrix(moment, degree))
-    at_points = functions @ np.array(basis.monomials(s, t, degree))
-    inner = (at_points * (areas[:, None] * shares * weight)[:, None]) @ at_points.transpose(0, 2, 1)
-    assert np.abs(inner - np.eye(inner.shape[1])).max() < 1e-12
-
-
 def test_an_empty_domain_keeps_no_function():
     assert not basis.orthonormal_functions(np.zeros((1, 3, 3))).any()
 
@@ -77,13 +62,3 @@ def test_raw_sums_move_up_and_coefficients_down(degree):
         np.testing.assert_allclose(transforms[quadrant] @ child, parent, atol=1e-14)
         coefficient = rng.normal(size=len(parent))
         np.testing.assert_allclose((transforms[quadrant].T @ coefficient) @ child, coefficient @ parent, atol=1e-14)
-
-
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_squared_functions_at_points(degree):
-    rng = np.random.default_rng(5)
-    gram = basis.gram_matrix(np.stack([clipped_moments(rng, degree)[3] for _ in range(7)]), degree)
-    functions = basis.orthonormal_functions(gram)
-    s, t = rng.uniform(-1, 1, (2, 7))
-    values = np.einsum("mik,km->im", functions, np.array(basis.monomials(s, t, degree)))
-    np.testing.assert_allclose(basis.square_norm(basis.projector(functions), s, t, degree), (values**2).sum(0), rtol=1e-9)

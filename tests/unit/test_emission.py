@@ -81,16 +81,6 @@ def test_photons_of_cells_carry_their_light_between_them():
     np.testing.assert_array_equal(numbers[:, 3] // (1 / SLICES), find_slice(own, 3))
 
 
-@pytest.mark.parametrize("share", [[0.25, 0.75], [0.5, 0.5], [0.9, 0.1]])
-def test_lamps_that_are_not_cut_carry_their_light_however_many_photons_they_have(share):
-    """As of scenes of many lamps, each with too few photons to be cut."""
-    cells = replace(BirthCells.whole(np.array([0.25, 0.75])), share=np.array(share))
-    ((photons, shadowless),) = emit_photons(JoinedEmitters.of(LAMPS), cells, 80_000, 1.0, np.random.default_rng(1))
-    assert shadowless.mean() == pytest.approx(share[1], abs=1e-4)
-    for lamp, own in zip(LAMPS, (~shadowless, shadowless), strict=True):
-        np.testing.assert_allclose(photons.flux[:, own].sum(axis=1, dtype=float), lamp.power_rgb, rtol=1e-3)
-
-
 def sheets(*heights):
     """Rays, normals and frames of sheets across the way down; every other one faces down."""
     corner = np.float32([[[-0.5, -0.5, z], [0.5, -0.5, z], [0.0, 0.5, z]] for z in heights])
@@ -130,15 +120,3 @@ def test_the_way_ends_after_a_thousand_surfaces():
     photons = way_down(1)
     light_every_surface(photons, np.ones(1, bool), *sheets(*np.linspace(0.3, -0.3, 1500)))
     assert photons.flux.shape[1] == 1000
-
-
-def test_only_soft_photons_lose_light_however_near_they_hit():
-    soft = np.float32([[0.0, 0.0, 0.2], [0.0, 0.0, 0.15], [0.0] * 3, [0.0] * 3])
-    for distance, kept in (((0.0, 0.5, 0.0), (1, 1, 0)), ((1e-30, 3e38, 0.2), (1, 1, 1)), ((0.3, 0.3, 0.16), (1, 1, 0))):
-        np.testing.assert_array_equal(soften(way_down(3, soft), np.float32(distance)), [kept] * 3)
-
-
-def test_what_crosses_a_sphere_must_end_in_it():
-    soft = np.float32([[-0.4] * 2, [0.0] * 2, [0.0, 0.3], [1.0] * 2])
-    for distance, kept in ((0.05, (1, 1)), (0.2, (1, 0)), (0.5, (0, 0))):
-        np.testing.assert_array_equal(soften(way_down(2, soft), np.full(2, distance, np.float32)), [kept] * 3)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from leaflight.core.filter.filtered_field import GRAIN, FilteredField, find_grain
-from leaflight.core.filter.nonlocal_means import RADIUS
 from leaflight.core.integrate.direct_field import DirectField
 from trees import make_square_map
 
@@ -62,14 +61,6 @@ def test_what_is_told_is_what_the_light_is_off(texels, light, sigma):
     assert np.sqrt(((shown.irradiance - truth)[smoothed] ** 2).mean()) < 0.4 * sigma
 
 
-def test_blur_is_seen_as_such(texels):
-    """Ripples half as high as the noise are smoothed away with it, on average over pages; at their borders planes follow some of it."""
-    truth = ripple(texels.texel_xy[:, :1]) * np.ones(3)
-    pages = [show(texels, truth, 0.2, seed)[2] for seed in range(4)]
-    every = np.flatnonzero((np.abs(texels.texel_xy - (SIDE - 1) / 2) < SIDE / 2 - RADIUS).all(axis=1))
-    assert sum(shown.blur2_at(every).mean() for shown in pages) > sum(shown.variance_at(every).mean() for shown in pages) > 0
-
-
 def test_smoothing_even_light_is_no_blur(texels):
     """What texels keep of their own noise is told apart from what was light, on average over pages."""
     sigma, told = 0.1, []
@@ -91,14 +82,6 @@ def test_noise_that_smoothing_does_not_find_is_no_noise(texels, times, share):
         found.append(told.find_noise_share(np.ones_like(noisy)))
         assert told.is_smoothed.all()
     assert np.mean(found) == pytest.approx(share, rel=0.08)
-
-
-def test_of_light_that_is_as_it_was_found_all_noise_is_believed(texels):
-    noisy = np.ones((SIDE * SIDE, 3), np.float32)
-    shown = FilteredField.plain(noisy, 0.01 * noisy)
-    told = shown.smoothing_at(np.arange(10))
-    assert told.find_noise_share(noisy[:10]) == 1.0
-    assert not told.is_smoothed.any()
 
 
 def test_few_dark_texels_among_lit_ones_are_told_roughly(texels):

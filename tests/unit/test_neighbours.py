@@ -59,11 +59,6 @@ def test_other_charts_and_other_pages_are_no_neighbours():
     assert all(x[one] == x[other] for one, other in found)
 
 
-def test_one_leaf_has_no_neighbour():
-    bake = SquareBake(side=8, degree=0)
-    assert not pairs_of(bake.texels, bake.tree, leaves_of(bake, bake.tree))
-
-
 def test_charts_that_were_one_are_neighbours_where_nothing_stands_between():
     """Four leaves of four charts; then with a wall between the left and the right ones."""
     bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
@@ -109,16 +104,6 @@ def test_no_light_goes_through_the_corner_of_a_room(corner):
     inside = leaf[bake.texels.entry_at[0, 15 * up, 15 * right]]
     assert len(found) == 4
     assert not any(inside in pair for pair in found)
-
-
-def test_light_goes_over_beside_a_texel_with_a_wall_elsewhere():
-    """A sheet along the upper side of the texels below the middle parts nothing left and right of it."""
-    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
-    leaf = leaves_of(bake, bake.tree)
-    parts = dataclasses.replace(bake.tree, chart=np.arange(len(bake.tree), dtype=np.int32))
-    found = pairs_of(walled_quarters(bake, ([(x, y) for x in range(16) for y in range(16 - 1)], 1)), parts, leaf)
-    y = bake.tree.origin[:, 1]
-    assert {(int(y[a]), int(y[b])) for a, b in found} == {(0, 0), (8, 8)}
 
 
 def test_a_leaf_knows_whose_square_holds_its_own():

@@ -70,33 +70,3 @@ def test_light_is_never_below_nothing():
     assert fitted.min() == 0
     assert fitted[0, 0, :, 0].max() == 0
     assert fitted[0, 0, :, RADIUS:].min() > 0
-
-
-def test_a_tile_within_one_chart_is_smoothed_like_any_other():
-    """The same numbers with and without another chart in the corner of the halo, where no kept texel's neighbours reach."""
-    rng = np.random.default_rng(4)
-    side = 32 + 2 * HALO
-    light = 1 + SIGMA * rng.standard_normal((2, 3, side, side), np.float32)
-    variance = np.full((3, side, side), 2 * SIGMA**2, np.float32) * (np.float32(0.5) + rng.random((side, side), np.float32))
-    chart = np.zeros((side, side), np.int32)
-    alone = smooth_alike(light, variance, chart, with_variance=False)[0]
-    chart[:4, :4] = 1
-    beside = smooth_alike(light, variance, chart, with_variance=False)[0]
-    assert alone.shape == (2, 3, 32, 32)
-    np.testing.assert_array_equal(alone[..., 4:, 4:], beside[..., 4:, 4:])
-    assert (alone[..., 0, 0] != beside[..., 0, 0]).any()
-
-
-def test_patches_that_a_border_cuts_are_compared_by_what_they_share():
-    """What is the same along rows is as alike on three columns of a chart as on many."""
-    side = 2 * HALO + 1
-    off_middle = np.abs(np.arange(side) - HALO)[:, None]  # symmetric, so that no plane leans
-    light = np.broadcast_to(1 + 0.1 * off_middle, (1, 3, side, side)).astype(np.float32)
-    noise = np.full((3, side, side), SIGMA**2 / 3, np.float32)
-    narrow = np.full((side, side), -1, np.int32)
-    narrow[:, HALO - 1 : HALO + 2] = 0
-    wide, cut = (
-        smooth_alike(light, noise * (chart >= 0), chart, with_variance=False)[0].item(0) for chart in (np.zeros_like(narrow), narrow)
-    )
-    assert 1.01 < wide < 1.1
-    assert cut == pytest.approx(wide, rel=1e-4)

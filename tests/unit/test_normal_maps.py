@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from boxes import bake_folder
 from leaflight.core import solve
-from leaflight.core.lights.direct_points import shade_bumps
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.normal_maps import NormalMaps
 from leaflight.core.scene.scene import Light, Material, TextureImage
@@ -82,27 +81,6 @@ def test_turned_surfaces_keep_the_tangents_of_their_corners():
     assert after == pytest.approx(before)
 
 
-def test_bumps_hide_flat_light_only():
-    up = np.float32([[0, 0, 1]])
-    high, low = np.float32([[0, 0, 1]]), np.float32([[math.cos(0.05), 0, math.sin(0.05)]])
-    steep = np.float32([[math.sin(1.0), 0, math.cos(1.0)]])
-    assert shade_bumps(up, up, low) == pytest.approx(1.0)
-    assert shade_bumps(up, steep, high) == pytest.approx(1.0)
-    assert 0.05 < shade_bumps(up, steep, low)[0] < 0.3
-
-
-def test_without_bumps_nothing_is_hidden_however_numbers_round():
-    """Of unit vectors in float32 many have a product with themselves just above 1, which made a root of less than 0 in flat light."""
-    rng = np.random.default_rng(3)
-    side = rng.normal(size=(10_000, 3)).astype(np.float32)
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    flat = np.cross(side, rng.normal(size=(10_000, 3))).astype(np.float32)
-    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
-    assert ((side * side).sum(axis=1) > 1).any()
-    shade = shade_bumps(side, side, flat)
-    assert ((shade >= 0) & (shade <= 1)).all()
-
-
 def bake_lighting(folder, scene, **settings):
     """(h, w) of a page that the square fills but for its rim."""
     chosen = Settings(size=16, padding=1, workers=1, error=0.05, max_photons=20_000, passes=("lighting",), sides="front", **settings)
@@ -152,15 +130,6 @@ def test_a_surface_reflects_the_light_on_the_normals_of_its_map(tilt):
     missed = escape(0.0)
     worth = light_at_45_degrees(tilt) / math.sqrt(0.5)
     assert escape(albedo) - missed == pytest.approx(albedo * worth * (1.0 - missed), rel=0.02)
-
-
-@pytest.mark.usefixtures("open_image_io")
-def test_each_texel_has_the_normal_at_its_place(tmp_path):
-    sun = Light("SUN", "Sun", power_rgb=(math.pi,) * 3)
-    left, right = (0.0, 0.0, 1.0), (math.sin(0.6), 0.0, math.cos(0.6))
-    page = bake_lighting(tmp_path / "two", tilted_scene(left, right, lights=[sun]))
-    values = np.unique(page.round(2))
-    assert values == pytest.approx([round(math.cos(0.6), 2), 1.0], abs=0.011)
 
 
 @pytest.mark.usefixtures("open_image_io")

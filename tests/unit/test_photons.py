@@ -112,17 +112,6 @@ def test_furnace_deposits_the_geometric_series():
     np.testing.assert_allclose(np.mean(sums, axis=0), expected, rtol=0.01)
 
 
-def _face_share(place_unit) -> np.ndarray:
-    hits = _trace(_build(_snapshot(_cube()), _white_lamp(place_unit=place_unit)), max_depth=1)
-    return np.bincount(hits.tri[hits.is_first] // 2, minlength=6) / N
-
-
-def test_a_point_in_the_centre_lights_six_faces_alike():
-    band = 0.5 * math.sqrt(1 / 6 * 5 / 6 / N)  # half a standard error of random photons: the births are stratified
-    assert np.abs(_face_share((0, 0, 0)) - 1 / 6).max() < band
-    assert np.abs(_face_share((0.01, 0, 0)) - 1 / 6).max() > band  # 3 % more on one face is seen
-
-
 def _count_rays(scene):
     """The scene, and the lengths of the arrays of rays that are traced in it."""
     lengths = []
@@ -246,14 +235,6 @@ def test_photons_choose_emitters_by_their_watts(hold):
     hold("light choice of photons: chi-square against the watts", chi_square_sigmas(counts, expected), high=limit, unit="sigmas")
     seen = chi_square_sigmas(counts, off / off.sum() * counts.sum())
     hold("light choice of photons: chi-square with one lamp 3 % off", seen, low=limit, unit="sigmas")
-
-
-def test_a_rare_emitter_keeps_its_mean_power():
-    lamps = _white_lamp(1.0), Lamp(np.array([0, 0, 0.03]), along=(0, 0, 1))
-    scene = _build(_snapshot(_cube()), *lamps)
-    blue = [_trace(scene, 10, shard, max_depth=1).audit.emitted[2] for shard in range(600)]
-    assert np.mean(blue) == pytest.approx(1.03, abs=4 * np.std(blue) / math.sqrt(600))
-    assert np.std(blue) > 0
 
 
 @pytest.mark.parametrize("lamps", [(), (_white_lamp(0.0),)])

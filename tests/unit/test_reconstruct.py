@@ -75,11 +75,6 @@ def test_a_ramp_over_several_leaves_stays_a_ramp():
     np.testing.assert_allclose(image.mean(0), expected, atol=0.03)
 
 
-def test_the_flux_of_even_light_is_kept():
-    image, plain = blend(quartered(even))
-    assert image.mean() == pytest.approx(plain.mean(), rel=0.005)
-
-
 def test_stated_variance_is_that_of_repeated_blends():
     values, stated = [], []
     for seed in range(40):
@@ -103,28 +98,6 @@ def test_the_mean_of_the_halves_is_the_whole():
     whole, halves = (join(bake.texels, bake.tree, bake.solution(), owner, halves).at(entries).irradiance for halves in (False, True))
     np.testing.assert_allclose(halves.mean(0), whole.sum(0), rtol=1e-9)
     assert np.abs(halves[0] - halves[1]).max() > 0.01
-
-
-def joined_leaves(degree):
-    """Four leaves, alike to rounding and in the mirror; what is blended at all texels, and the leaf of each."""
-    bake = SquareBake(side=32, degree=degree, preview_depth=1, level=1)
-    s, t = np.random.default_rng(3).random((2, 500))
-    for mirrored in ((s, t), (1 - s, t), (s, 1 - t), (1 - s, 1 - t)):
-        bake.throw(*mirrored)
-    owner = quadtree.node_of_texel(bake.tree, np.flatnonzero(bake.tree.current), bake.n_texel)
-    light = join(bake.texels, bake.tree, bake.solution(), owner).at(np.arange(len(owner)))
-    return bake, light, owner
-
-
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_light_that_is_its_own_mirror_is_blended_into_its_own_mirror(degree):
-    bake, light, _ = joined_leaves(degree)
-    image = np.empty((32, 32))
-    image[bake.texels.texel_xy[:, 1], bake.texels.texel_xy[:, 0]] = light.irradiance.sum(0)[0]
-    x, y = np.meshgrid(np.arange(32), np.arange(32))
-    central = (x != y) & (x != 31 - y)  # the square's diagonal runs through the others' centres: they are shown a little beside it
-    for mirror in (image[::-1], image[:, ::-1]):
-        np.testing.assert_allclose(image[central], mirror[central], rtol=1e-5)
 
 
 def leaves_of_two_sizes(density, degree):

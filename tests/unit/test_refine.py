@@ -147,17 +147,6 @@ def test_too_few_photons_are_never_compared():
     assert len(marks(bake, rule())) == 1
 
 
-def test_a_pattern_that_repeats_in_each_quadrant_is_seen_at_the_second_depth():
-    def stripes(rng, n):
-        s, t = rng.random((2, n))
-        return (np.floor(s * 4) + rng.random(n) * 0.5) / 4, t  # every quarter: lit, dark
-
-    bake = SquareBake(side=64, degree=0, preview_depth=3)
-    bake.throw(*stripes(np.random.default_rng(3), 20_000))
-    assert len(marks(bake, rule(preview_depth=2))) == 0
-    assert len(marks(bake, rule(preview_depth=3))) == 1
-
-
 def test_shown_leaves_tile_and_are_fewest_where_light_is_even():
     bake = refined(200_000, half_lit, degree=1, side=32)
     leaves = shown(bake)

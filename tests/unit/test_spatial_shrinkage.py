@@ -73,13 +73,6 @@ def join(*clusters):
     return Leaves(*(np.concatenate(parts) for parts in zip(*clusters, strict=True)))
 
 
-def test_others_stay_as_they_are():
-    leaves = Leaves(*cluster())
-    many = leaves.count >= 16
-    assert 100 < many.sum() < len(leaves) - 100
-    np.testing.assert_array_equal(leaves.show()[many], leaves.own[many])
-
-
 def test_one_that_no_photon_could_be_expected_on_shows_half_of_what_is_around():
     leaves = Leaves(*cluster())
     empty = (leaves.count == 0) & (leaves.area < 1e-7)
@@ -125,14 +118,6 @@ def test_what_no_light_comes_to_stays_black_and_sure():
     assert not shown[dark].any()
     assert not variance[dark].any()
     assert (shown[~dark] > 0).all()
-
-
-def test_many_photons_where_not_one_was_to_be_expected_may_have_parted_from_one():
-    leaves = join(cluster(), cluster(centre=(200.0, 0.0, 0.0)))  # cells of more than a metre
-    leaves.area[:2], leaves.count[:2] = (1e-9, 4 * PHOTON_W), 20
-    assert leaves.own[0].max() > 1e5
-    assert leaves.show()[0].max() < 2.0 * 22
-    np.testing.assert_array_equal(leaves.show()[1], leaves.own[1])  # eight were expected
 
 
 def test_those_that_photons_fell_on_err_by_what_is_stated():

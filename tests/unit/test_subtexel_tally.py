@@ -1,7 +1,5 @@
 """Squares have the area of their part of the centre's triangle, count what falls there, and move light by what is no noise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, prepare_folder
@@ -135,23 +133,3 @@ def test_light_that_leaves_do_not_hold_is_taken_from_the_squares():
     assert np.abs(image - truth).max() < 0.4
     assert np.sqrt(((image - truth) ** 2).mean()) < 0.1 * truth.std()
     assert changed.mean() > 0.99
-
-
-@pytest.mark.parametrize(("other_chart", "one_piece"), [(True, False), (True, True), (False, False)])
-def test_squares_of_another_chart_have_no_say(texels, other_chart, one_piece):
-    """Of two that lie as near to each other as charts do, unless these were one."""
-    if one_piece:
-        texels = replace(texels, chart_piece=np.zeros_like(texels.chart_piece))
-    shown = np.flatnonzero(texels.shown)
-    apart = np.abs(texels.texel_xy[shown, None].astype(int) - texels.texel_xy[shown]).max(axis=2)
-    is_other = texels.texel_chart[shown, None] != texels.texel_chart[shown]
-    wanted = (is_other == other_chart) & (apart > 0)
-    one, another = np.argwhere(wanted & (apart == apart[is_other].min()))[0]
-    assert apart[one, another] <= subtexel_tally._RADIUS
-    entry = np.sort(shown[[one, another]]).astype(np.int32)
-    told = SubtexelLight(entry, np.full((2, 3, 2), 9.0), np.full((3, 2), 1e-3), np.full((3, 2), 1e-3))
-    n = len(texels.texel_area)
-    light, variance = np.ones((2, 3, n), np.float32), np.full((3, n), 1e-3, np.float32)
-    is_apart = other_chart and not one_piece
-    assert subtexel_tally.mix(light, variance, told, texels).any() != is_apart
-    assert (light == 1).all() == is_apart

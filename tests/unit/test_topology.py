@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.scene.topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
+from leaflight.core.scene.topology import find_groups_with_twins, join_open_sides, join_sets, pair_sides
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 RNG = np.random.default_rng(7)
@@ -27,19 +27,6 @@ def test_sides_are_paired_within_their_group():
     assert len(expected) == len(one) == 3  # the diagonals
     assert (vertex[ends[0]] < vertex[ends[1]]).all()
     assert [frozenset(vertex[ends[:, side]]) for side in range(24)] == sides
-
-
-def test_ends_are_numbered_by_place():
-    """Zeros of both signs are one place."""
-    position = RNG.integers(-1, 2, (40, 3)) * RNG.choice([-1.0, 1.0], (40, 3))
-    ends = RNG.integers(0, 40, (2, 100))
-    low, high = find_ends(position, ends)
-    assert (low <= high).all()
-    places = [sorted((position[ends[:, k]] + 0.0).tolist()) for k in range(100)]
-    for a in range(100):
-        for b in range(a):
-            assert ((low[a], high[a]) == (low[b], high[b])) == (places[a] == places[b])
-    assert find_ends(position, np.zeros((2, 0), int)).shape == (2, 0)
 
 
 def joined(*meshes):
@@ -78,8 +65,3 @@ def test_groups_with_two_vertices_at_a_place_are_found():
     assert found.tolist() == [False, True, False, False, False]
     unused = np.zeros((2, 3)), np.zeros((1, 3), int), np.zeros(1, int)
     assert find_groups_with_twins(*unused).tolist() == [False]
-
-
-def test_the_last_edge_of_a_group_is_not_the_first_of_the_next():
-    _, one, other = pair_sides(np.array([[0, 1, 2], [2, 1, 3]]), np.array([0, 1]))
-    assert len(one) == len(other) == 0
