@@ -61,12 +61,6 @@ def fixture_hold(request: pytest.FixtureRequest) -> Callable[..., None]:
 
 
 @pytest.fixture
-def scene_name(request: pytest.FixtureRequest) -> str:
-    """Of the scene that the fixture `known` bakes, the first of its parameters."""
-    return str(request.node.callspec.params["known"][0])
-
-
-@pytest.fixture
 def part_entries(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """part_entries(count) gives threads so many texel entries at a time from then on."""
 
