@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from ...core.util.messages import Progress, Status
 
 _BAR = {  # the part of the bar that each stage takes
-    "load": (0.0, 0.01),
-    "charts": (0.01, 0.1),
+    "read": (0.0, 0.03),
+    "load": (0.03, 0.04),
+    "charts": (0.04, 0.1),
     "texels": (0.1, 0.13),
     "scene": (0.13, 0.14),
     "contacts": (0.14, 0.2),

@@ -15,7 +15,6 @@ from ..show.bake_pace import Pace
 from ..show.bake_text import Worn, describe_count, describe_percent, describe_seconds, summarize
 from .bake_bar import Bar
 
-READING_SCENE = "Reading the scene"
 _ROUGH = 0.1  # an error whose decimals say nothing
 
 
@@ -94,14 +93,15 @@ class BakeState:
     def prepare(self, process: Process, began: float, give_back: Callable[[], None], scene: int = 0) -> None:
         """The scene is read for a process that waits; `give_back` puts it back as it was, before something else happens to it."""
         self.forget(scene)
-        self.stage, self._began, self._process, self.give_back = READING_SCENE, began, process, give_back
+        self._began, self._process, self.give_back = began, process, give_back
 
     def begin(self, process: Process, began: float, warnings: list[tuple[str, str]], target: float = 0.0, scene: int = 0) -> None:
         """Listen to a process that has just been started; `began` is a time.monotonic(), `target` the error asked for."""
+        bar = Bar()
         if process is self._process:  # it has waited for this
-            self._process = None
+            self._process, bar = None, self.bar
         self.forget(scene)
-        self.target = target
+        self.target, self.bar = target, bar
         self.stage, self._began, self._process = "Starting", began, process
         self.warnings = list(warnings)
         threading.Thread(target=_listen, args=(process, self._queue), daemon=True).start()
@@ -122,7 +122,7 @@ class BakeState:
     def drain(self) -> Done | Error | None:
         """Hear all messages that have come; gives the last one of the bake when it was among them."""
         while not self._queue.empty():
-            ended = self._hear(self._queue.get())
+            ended = self.hear(self._queue.get())
             if ended:
                 return ended
         return None
@@ -135,7 +135,7 @@ class BakeState:
     def wait(self) -> Done | Error:
         """Hear messages until the bake has ended."""
         while True:
-            ended = self._hear(self._queue.get())
+            ended = self.hear(self._queue.get())
             if ended:
                 return ended
 
@@ -158,7 +158,8 @@ class BakeState:
         if result is not None:
             self.worn[self.scene] = Worn.of_result(result, self.seconds, self.stage, self.warnings, earlier)
 
-    def _hear(self, message: Message) -> Done | Error | None:
+    def hear(self, message: Message) -> Done | Error | None:
+        """Take one message in; gives it when it is the last one of the bake."""
         match message:
             case Status():
                 self.stage = message.text

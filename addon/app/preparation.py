@@ -26,7 +26,9 @@ class Preparation:
         self.holds, self.is_long = True, False
 
     def advance(self, seconds: float) -> Session | None:
-        """Work for about so long; gives the session once it is there.
+        """Work for about so many seconds of this thread's processor; gives the session once it is there.
+
+        By the clock, little or nothing would be done on a machine that is busy, where Blender takes seconds between two calls.
 
         Raises ValueError and OSError as `session.prepare` does.
         """
@@ -34,15 +36,15 @@ class Preparation:
             self.give_back()
         sent = self._steps is not None or None
         self._steps = self._steps or self._begin()
-        until = time.monotonic() + seconds
+        until = time.thread_time() + seconds
         while True:
             try:
                 pause = self._steps.send(sent)
             except StopIteration as end:
                 session: Session = end.value
                 return session
-            self.holds, self.is_long = pause is not Pause.FREE, pause is Pause.LONG
-            if not self._is_whole and (pause in (Pause.WAIT, Pause.LONG) or time.monotonic() >= until):
+            self.holds, self.is_long = pause not in (Pause.FREE, Pause.ASIDE), pause is Pause.LONG
+            if not self._is_whole and (pause in (Pause.WAIT, Pause.LONG, Pause.ASIDE) or time.thread_time() >= until):
                 break
             sent = None if self._is_whole else False
         self._seen = self._version()

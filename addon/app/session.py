@@ -26,6 +26,7 @@ from ...core.output.image_room import SPARE_PREFIX
 from ...core.scene.snapshot import save_snapshot
 from ...core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ...core.util.messages import Done, Message, Status, Warning_
+from ...core.util.progress import Watch, unwatched
 from ...core.util.steps import Pause, Steps, run_aside, run_steps
 from ..read import baked_copies, export_scene
 from ..read.export_pieces import walk_pieces
@@ -85,7 +86,9 @@ def prepare(context: bpy.types.Context, request: BakeRequest, folder: Path, tell
     return run_steps(prepare_steps(context.scene, context.view_layer, request, folder), watch)
 
 
-def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, request: BakeRequest, folder: Path) -> Steps[Session]:
+def prepare_steps(
+    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, request: BakeRequest, folder: Path, watch: Watch = unwatched
+) -> Steps[Session]:
     """`prepare` in steps. Between them the scene may look as it is rendered; closing the generator puts everything back."""
     check_folder(request.output)
     drop_broken_marks()
@@ -103,7 +106,7 @@ def prepare_steps(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, reque
         image_file.load_ahead(library_paths())
         most = max(_SHOWN_TEXELS * request.settings.size, _LEAST_TEXELS)
         names, layer = list(request.objects) or None, request.uv_layer or None
-        reading = yield from export_scene.read_scene(scene, names, layer, view_layer, until, most, kept_maps)
+        reading = yield from export_scene.read_scene(scene, names, layer, view_layer, until, most, kept_maps, watch)
         prints: Prints = {}
         with registered():
             for name, digest in walk_prints(scene, view_layer, {}):

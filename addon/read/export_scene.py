@@ -13,6 +13,8 @@ from typing import Any
 import bpy
 
 from ...core.scene.scene import Light, SceneObject, SceneSnapshot
+from ...core.util.messages import Status
+from ...core.util.progress import Watch, unwatched
 from ...core.util.steps import Pause, Steps, run_steps
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS
 from ..nodes.mesh_arrays import LocalMesh
@@ -32,6 +34,8 @@ from .strands import read_strands
 from .uv_layer import has_room, name_ours
 from .world_cache import MapCache
 from .world_read import World, is_textured, read_world
+
+READING = Status("read", "Reading the scene")
 
 
 @dataclass(frozen=True)
@@ -103,11 +107,13 @@ def read_scene(
     until: float,
     most_texels: int,
     kept: MapCache | None = None,
+    watch: Watch = unwatched,
 ) -> Steps[SceneReading]:
     """The first half of `export_scene`, in steps: all that has to be asked of Blender.
 
     From its first pause to its last, the scene is as it is rendered; closing the generator puts everything back.
-    kept   what earlier bakes have evaluated of the world
+    kept    what earlier bakes have evaluated of the world
+    watch   is told how far both halves are
     """
     scene = getattr(context_or_scene, "scene", context_or_scene)
     view_layer = view_layer or find_view_layer(context_or_scene, scene)
@@ -116,7 +122,8 @@ def read_scene(
     warn_left_out(view_layer, warnings)
     with registered():
         check_names(scene, view_layer, objects)
-        reading = SceneReading(objects, uv_layer, warnings, until, MaterialTable(warnings, view_layer.material_override, most_texels))
+        materials = MaterialTable(warnings, view_layer.material_override, most_texels)
+        reading = SceneReading(objects, uv_layer, warnings, until, materials, watch)
         yield from reading.read_images(view_layer)
         with evaluate_for_render(scene, view_layer, warnings) as depsgraph:
             yield from reading.read_pieces(view_layer, depsgraph)
@@ -168,11 +175,11 @@ class SceneReading:
     """What of a scene is exported: its pieces are read while the depsgraph stands, and arranged once Blender is not needed any more."""
 
     def __init__(
-        self, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings, until: float, materials: MaterialTable
+        self, names: Sequence[str] | None, uv_layer: str | None, warnings: Warnings, until: float, materials: MaterialTable, watch: Watch
     ) -> None:
         self._names_asked, self._uv_layer = names, uv_layer
         self._warnings, self._until = warnings, until
-        self._materials = materials
+        self._materials, self._watch = materials, watch
         self._local: dict[tuple[int, ...], LocalMesh] = {}
         self._names: set[str] = set()
         self._pieces: list[_FoundPiece] = []
@@ -197,8 +204,8 @@ class SceneReading:
 
     def read_pieces(self, view_layer: Any, depsgraph: Any) -> Steps[None]:
         """Read every piece that a render shows. No piece is held over a pause: the walk begins anew, and passes over what was read."""
-        keys, worn = [], {}
-        for piece in walk_pieces(view_layer, depsgraph):
+        keys, worn, total = [], {}, 0
+        for total, piece in enumerate(walk_pieces(view_layer, depsgraph), 1):  # noqa: B007  # the last is how many there are
             if piece.is_mesh:
                 keys.append((piece.source, piece.kind, piece.evaluated.original))
             for slot in piece.evaluated.material_slots if piece.evaluated.type != "LIGHT" else ():
@@ -212,6 +219,7 @@ class SceneReading:
             paused = False
             for piece in islice(walk_pieces(view_layer, depsgraph), done, None):
                 done += 1
+                self._watch(READING, 0.5 * done / total, piece.source.name)
                 self._read(piece)
                 paused = bool((yield Pause.HOLD))
                 if paused:
@@ -234,8 +242,11 @@ class SceneReading:
     def arrange(self) -> Steps[ExportResult]:
         """The second half: the snapshot, its objects in the order of their names, so that it does not depend on Blender's."""
         pieces, self._pieces = self._pieces[::-1], []
+        total = len(pieces)
         while pieces:  # what is arranged is not held any longer
-            self._check_time(pieces[-1].exported.source)
+            source = pieces[-1].exported.source
+            self._watch(READING, 1.0 - 0.5 * len(pieces) / total, source)
+            self._check_time(source)
             yield from self._arrange(pieces.pop())
             yield Pause.FREE
         self._check_receivers()

@@ -14,15 +14,17 @@ from typing import Any
 import bpy
 
 from ...core.util.messages import Done, Error
+from ...core.util.progress import ProgressReporter
 from ...core.util.steps import Steps
 from ...core.util.user_text import group_warnings
 from ..app import live, session
 from ..app.arguments import BakeRequest
-from ..app.bake_state import READING_SCENE, BakeState
+from ..app.bake_state import BakeState
 from ..app.job import BakeProcess
 from ..app.preparation import Preparation
 from ..app.request import find_mode_error, find_output_error, make_request
 from ..app.scene_meter import find_worn
+from ..read.export_scene import READING
 from ..show.layout import mark_result
 from ..show.redraw import redraw
 from ..show.shown_pages import note_pages
@@ -162,12 +164,14 @@ class Baking:
             return False
 
         def begin() -> Steps[session.Session]:
-            return session.prepare_steps(bpy.context.scene, bpy.context.view_layer, request, process.folder)
+            watch = ProgressReporter(state.hear).say
+            return session.prepare_steps(bpy.context.scene, bpy.context.view_layer, request, process.folder, watch)
 
         meter = context.window_manager.leaflight_meter
         self._process, self._began, self._preparation = process, began, Preparation(begin, lambda: int(meter.updates))
         plan = describe_plan(context)  # now: reading the scene is a change, too, after which it would have to be measured anew
         state.prepare(process, began, self._preparation.give_back, self._scene_uid)
+        state.hear(READING)
         state.plan = self._plan = plan
         return True
 
@@ -185,7 +189,8 @@ class Baking:
             self._fail(context, str(reason))
             return {"CANCELLED"}
         if prepared is None:
-            state.stage = session.READING_WORLD if self._preparation.is_long else READING_SCENE
+            if self._preparation.is_long:
+                state.stage = session.READING_WORLD
             return None
         self._preparation = None
         self._session, self._live = prepared, live.LiveView(prepared)

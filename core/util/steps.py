@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-_LOOK_S = 0.005  # between two checks of a thread
 
 
 class Pause(Enum):
@@ -19,12 +17,14 @@ class Pause(Enum):
     WAIT   the same; there is nothing to do yet, since other processes or threads work
     LONG   the same; the next step may take seconds, as reading the world does
     FREE   anything, since the rest does not use Blender
+    ASIDE  the same as both FREE and WAIT
     """
 
     HOLD = 0
     WAIT = 1
     LONG = 2
     FREE = 3
+    ASIDE = 4
 
 
 # A step is sent True if there was a pause before it, False if not, and None by callers that never pause.
@@ -44,6 +44,6 @@ def run_aside(call: Callable[[], T]) -> Steps[T]:
     """The result of a call that does not use Blender, which a thread runs meanwhile."""
     with ThreadPoolExecutor(1) as pool:
         begun = pool.submit(call)
-        while not begun.done() and (yield Pause.FREE) is not None:
-            time.sleep(_LOOK_S)
+        while not begun.done() and (yield Pause.ASIDE) is not None:
+            pass
         return begun.result()

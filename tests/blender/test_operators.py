@@ -283,7 +283,7 @@ class Follower(baking.Baking):
 
     def hear(self, message, after_s):
         self.clock_s += after_s
-        self.state._hear(message)
+        self.state.hear(message)
         self.modal(self.context, SimpleNamespace(type="TIMER", value="NOTHING"))
 
 

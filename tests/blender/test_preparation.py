@@ -1,7 +1,9 @@
 """The export in steps: the same as at once, with pauses often enough, and nothing left of it wherever it ends."""
 
 import json
+import time
 from dataclasses import asdict
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from leaflight.addon.app.preparation import Preparation
 from leaflight.addon.app.session import prepare_steps
 from leaflight.addon.read.object_settings import registered
 from leaflight.core.scene.snapshot import describe_snapshot, list_arrays
+from leaflight.core.util.progress import unwatched
 from leaflight.core.util.settings import Settings
 from leaflight.core.util.steps import Pause
 
@@ -52,10 +55,10 @@ def cubes():
     bpy.context.view_layer.update()
 
 
-def begin(folder):
+def begin(folder, watch=unwatched):
     folder.mkdir(exist_ok=True)
     request = BakeRequest(Settings(size=64, force=True), output=folder / "maps")
-    return prepare_steps(bpy.context.scene, bpy.context.view_layer, request, folder)
+    return prepare_steps(bpy.context.scene, bpy.context.view_layer, request, folder, watch)
 
 
 def take(steps, sent):
@@ -142,3 +145,44 @@ def test_once_nothing_more_is_asked_of_blender_changes_do_not_matter(cubes, tmp_
     found = preparation.advance(float("inf"))
     assert found is not None
     assert found.export.snapshot.vertex_position[:, 2].max() < 1.0
+
+
+def test_it_is_told_how_far_the_scene_is_read(cubes, tmp_path):
+    told = []
+    take(begin(tmp_path, lambda said, share, about: told.append((said.text, share, about))), True)
+    shares = [share for _, share, _ in told]
+    assert shares == sorted(shares)
+    assert shares[0] < 0.1 < 0.9 < shares[-1] < 1.0
+    assert max(b - a for a, b in pairwise(shares)) < 0.1
+    assert {about for _, _, about in told} >= {"Cube", "Cube 5"}
+
+
+def test_a_slice_is_of_work_and_not_of_the_clock():
+    """Blender may take seconds between two slices on a busy machine, in which the clock passes and little is done."""
+
+    def work():
+        for _ in range(10):
+            time.sleep(0.01)
+            yield Pause.HOLD
+        return "read"
+
+    assert Preparation(work, lambda: 0).advance(0.05) == "read"
+
+
+def test_a_slice_ends_after_its_seconds_of_work():
+    def work():
+        while True:
+            sum(range(10_000))
+            yield Pause.HOLD
+
+    began = time.thread_time()
+    assert Preparation(work, lambda: 0).advance(0.02) is None
+    assert 0.02 <= time.thread_time() - began < 0.2
+
+
+def test_where_only_a_thread_works_blender_goes_on():
+    def work():
+        yield Pause.ASIDE
+        return "read"
+
+    assert Preparation(work, lambda: 0).advance(1.0) is None

@@ -78,7 +78,7 @@ def press_bake() -> None:
 
 
 def is_reading() -> bool:
-    return state().running and state().stage == "Reading the scene"
+    return state().running and state().stage.startswith("Reading the scene")
 
 
 def is_lit() -> bool:

@@ -22,7 +22,7 @@ def hear(bar, *messages):
 
 def test_every_stage_moves_the_bar_forward():
     stages = [
-        *(Status(stage, stage, share) for stage in ("load", "charts", "texels", "scene", "contacts") for share in (0.0, 0.5, 1.0)),
+        *(Status(stage, stage, share) for stage in ("read", "load", "charts", "texels", "scene", "contacts") for share in (0.0, 0.5, 1.0)),
         Status("photons", "Tracing photons"),  # the first round, before direct light
         Status("direct", "Direct light"),
         Status("direct", "Direct light, 50%", 0.5),
