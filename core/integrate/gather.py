@@ -28,6 +28,7 @@ from ..lights.direct_points import (
 )
 from ..lights.emitters import rotate_to
 from ..lights.stratified_choice import Demand, Span, gather_until_sure
+from ..scene.coincident_faces import CoincidentFaces
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.scene import DIFFUSE, GLOSSY
@@ -70,6 +71,7 @@ class KnownLight:
 class GatherScene:
     """What rays meet.
 
+    coincident      faces in one place, among which hits are shared out
     lights          those of direct light where rays meet a side without a lightmap
     passing         what they go on through, with what it lets pass
     mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
@@ -80,6 +82,7 @@ class GatherScene:
     """
 
     rays: RayScene
+    coincident: CoincidentFaces | None
     lights: DirectScene
     passing: Passing | None
     mirrors: GlossyScene | None
@@ -163,6 +166,8 @@ class _Gathering:
             share *= shade[ray]
         for _ in range(MOST_LAYERS):
             found = scene.rays.closest(origin, direction)
+            if scene.coincident:
+                found, _ = scene.coincident.share_out(found, direction.T)
             traced += len(ray)
             hit = np.flatnonzero(found.tri >= 0)
             tri, u, v, distance = found.tri[hit], found.u[hit], found.v[hit], found.distance[hit]

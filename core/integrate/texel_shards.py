@@ -114,6 +114,7 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
     scene, direct_scene = tracing.scene, _open_direct_scene(folder)
     return gather.GatherScene(
         rays=scene.rays,
+        coincident=scene.coincident,
         lights=direct_scene,
         passing=scene.passing,
         mirrors=scene if scene.has_caustics else None,

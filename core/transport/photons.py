@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..lights.joined_emitters import JoinedEmitters
 from ..lights.light_links import LightLinks
 from ..lights.lights import Emitter
+from ..scene.coincident_faces import CoincidentFaces
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
@@ -69,6 +70,7 @@ class TraceScene:
     smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
     maps            normal maps
     links           lamps that are linked to some surfaces only
+    coincident      faces in one place, among which hits are shared out
     """
 
     rays: RayScene
@@ -86,6 +88,7 @@ class TraceScene:
     smooth_frame: NDArray[np.float32]
     maps: NormalMaps | None = None
     links: LightLinks | None = None
+    coincident: CoincidentFaces | None = None
 
     @property
     def has_caustics(self) -> bool:
@@ -116,12 +119,16 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     rays = RayScene(collapse(corners, receives | ~surfaces.find_void()))
     tri_normal, tri_frame = np.ascontiguousarray(normal.T), triangle_frames(corners)
     links = LightLinks.of(snapshot)
+    passing, glass = Passing.of(surfaces, tri_frame, tri_normal, links), Glass.of(snapshot, surfaces)
+    clear = np.zeros(len(corners), bool) if glass is None else glass.tri_glass
+    if passing:
+        clear = clear | passing.tri_passes.any(axis=0)
     return TraceScene(
         rays=rays,
         shadows=ShadowRays.of(rays, surfaces, corners, tri_normal),
-        passing=Passing.of(surfaces, tri_frame, tri_normal, links),
+        passing=passing,
         gloss=Gloss.of(snapshot, surfaces),
-        glass=Glass.of(snapshot, surfaces),
+        glass=glass,
         emitters=joined,
         emitter_share=power / total if total > 0 else np.zeros(len(power)),
         surfaces=surfaces,
@@ -132,6 +139,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
         maps=NormalMaps.of(snapshot),
         links=links if len(links) else None,
+        coincident=CoincidentFaces.find(rays, corners, tri_normal, clear),
     )
 
 
@@ -203,7 +211,9 @@ def _meet(
     """The photons that the next surface reflects, and those that pass straight through it and stay at this depth; None for none."""
     found = scene.rays.closest(photons.origin.T, photons.direction.T)
     log.count_rays(len(found.tri), photons.group)
-    flux = photons.flux
+    flux, faces = photons.flux, None
+    if scene.coincident:
+        found, faces = scene.coincident.share_out(found, photons.direction)
     if depth == 0:
         flux = soften(photons, found.distance)
         passes = None if scene.passing is None else scene.passing.tri_passes[1]
@@ -237,17 +247,20 @@ def _meet(
     lit = cosine < gather(scene.tri_lit_below, index)
     is_front = cosine < 0
     worth = _weigh_bumps(scene, arrived, index, cosine)
+    received = worth  # factors of what is deposited: a photon stands for those on the other faces in one place too
+    if faces is not None:
+        received = gather(faces, hit) if worth is None else gather(faces, hit) * worth
     elsewhere = (~(is_front & (gather(scene.tri_lit_below, index) == 0))).nonzero()[0]
     if len(elsewhere):
         own = arrived.only(elsewhere)
-        brought = own.flux if worth is None else own.flux * gather(worth, elsewhere)
+        brought = own.flux if received is None else own.flux * gather(received, elsewhere)
         straight = np.full(len(elsewhere), depth == 0)
         log.light_elsewhere(SideHits(own.tri, own.u, own.v, gather(is_front, elsewhere), straight, brought))
     if depth or not skip_first:
         is_first = np.full(len(tri), depth == 0)
         if skip_first and arrived.mirrored is not None:
             is_first |= arrived.mirrored
-        _deposit(scene, arrived, cosine, lit, is_first, worth, log)
+        _deposit(scene, arrived, cosine, lit, is_first, received, log)
     passed = None
     if scene.passing:
         is_open = linked.open if linked else None
@@ -365,13 +378,13 @@ def _deposit(
     cosine: _Rows,
     lit: NDArray[np.bool_],
     is_first: NDArray[np.bool_],
-    worth: NDArray[np.float32] | None,
+    received: NDArray[np.float32] | None,
     log: PhotonLog,
 ) -> None:
     """Log the photons that are lit, (n,) bool.
 
-    cosine   (n,) float32: of their directions with the geometric normal
-    worth    from _weigh_bumps
+    cosine     (n,) float32: of their directions with the geometric normal
+    received   (n,) float32: factors of their flux; None for 1
     """
     kept = lit.nonzero()[0]
     own = arrived.only(kept)
@@ -390,8 +403,8 @@ def _deposit(
             if scene.maps is not None:  # a map's normal replaces the corners'
                 factor[scene.maps.has(own.tri)] = 1
             flux = flux * factor
-    if worth is not None:
-        flux = flux * gather(worth, kept)
+    if received is not None:
+        flux = flux * gather(received, kept)
     log.deposit(own.tri, own.u, own.v, flux, gather(is_first, kept), own.group)
 
 

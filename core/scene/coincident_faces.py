@@ -1,0 +1,176 @@
+"""Faces that lie in one place: a second face in the plane of a ceiling, a copy that was never moved, the walls of rooms back to back.
+
+A ray meets whichever of them the bvh finds first, so that one would take all light and the others none. Here hits are shared out: among
+the faces at a hit those whose front the ray meets, each with the same chance. So photons that a face receives stand for as many as there
+are faces; what is reflected stays that of one surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..util.coverage import CHUNK_SIZE, expand_ranges
+from ..util.geometry import ORIGIN_OFFSET, gather, locate_hits, orthonormal_basis, triangle_frames
+from .rays import Hits, RayScene
+
+# Barycentric weights of the points of a triangle from which others in its place are looked for.
+_POINTS = np.array([[1, 1, 1], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3, 2.4]], np.float32) / 3
+_PARALLEL = 1 - 1e-5  # least cosine between normals
+_PLANE_STEPS = 1 << 11  # of a normal's component, where planes are compared
+_PLANE_WIDTH = 4.0  # more than the unit box is wide
+_LEAST_OVERLAP = 1e-5  # unit box: neighbours in a plane overlap by rounding
+_MOST_OTHERS = 64  # in the place of one triangle; one with more takes no part
+_TINY = float(np.finfo(np.float32).tiny)
+
+_Rows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class CoincidentFaces:
+    """Pairs of triangles that lie in one plane, nearer to each other than geometry.ORIGIN_OFFSET, and overlap.
+
+    start        (n_tri + 1,) int64: others of triangle i are other[start[i]:start[i + 1]]
+    other        (m,) int32
+    tri_frame    (3, 3, n_tri) float32   of triangle_frames, unit box
+    tri_normal   (3, n_tri) float32
+    """
+
+    start: NDArray[np.int64]
+    other: NDArray[np.int32]
+    tri_frame: _Rows
+    tri_normal: _Rows
+
+    @classmethod
+    def find(cls, rays: RayScene, corners: _Rows, tri_normal: _Rows, apart: NDArray[np.bool_]) -> CoincidentFaces | None:
+        """The pairs of a scene; None where it has none.
+
+        corners      (n_tri, 3, 3) float32, unit box
+        tri_normal   (3, n_tri) float32
+        apart        (n_tri,) bool: triangles that take no part, for what they let pass goes on to the face behind
+        """
+        planes = _number_planes(corners, tri_normal)
+        shared = np.logical_or.reduce([np.bincount(plane)[plane] > 1 for plane in planes])
+        asked = np.flatnonzero(shared & tri_normal.any(axis=0) & ~apart)
+        found = asked[_meet_others(rays, corners, tri_normal, asked)]
+        if not len(found):
+            return None
+        pairs = []
+        for plane in planes:
+            rows = asked[np.isin(plane[asked], plane[found])]
+            pairs.append(_find_overlaps(corners, tri_normal, rows, plane[rows]))
+        n_tri = len(corners)
+        one, other = np.concatenate(pairs, axis=1)
+        one, other = np.divmod(np.unique(np.append(one * n_tri + other, other * n_tri + one)), n_tri)
+        few = np.bincount(one, minlength=n_tri) <= _MOST_OTHERS
+        kept = few[one] & few[other]
+        one, other = one[kept], other[kept]
+        start = np.searchsorted(one, np.arange(n_tri + 1))
+        return cls(start, other.astype(np.int32), triangle_frames(corners), tri_normal) if len(one) else None
+
+    def share_out(self, found: Hits, direction: _Rows) -> tuple[Hits, _Rows]:
+        """The hits of rays, shared out; and (n,) float32, among how many faces each.
+
+        direction   (3, n) float32
+        """
+        count = np.ones(len(found.tri), np.float32)
+        tri, u, v = found.tri.copy(), found.u.copy(), found.v.copy()
+        rows = np.flatnonzero(self.start[tri] < self.start[tri + 1])  # not those of a miss, -1: start[-1] > start[0]
+        point = locate_hits(self.tri_frame, tri[rows], u[rows], v[rows])
+        owner, place = expand_ranges(self.start[tri[rows]], self.start[tri[rows] + 1])
+        other = self.other[place]
+        other_u, other_v = self._find_places(other, gather(point, owner))
+        inside = (other_u >= 0) & (other_v >= 0) & (other_u + other_v <= 1)
+        # All faces at each hit, the one that was found among them.
+        owner = np.append(np.arange(len(rows)), owner[inside])
+        order = np.argsort(owner, kind="stable")
+        owner = owner[order]
+        tri_at = np.append(tri[rows], other[inside])[order]
+        u_at, v_at = np.append(u[rows], other_u[inside])[order], np.append(v[rows], other_v[inside])[order]
+        is_front = np.einsum("kn,kn->n", gather(direction, rows[owner]), gather(self.tri_normal, tri_at)) < 0
+        kept = np.flatnonzero(is_front | ~(np.bincount(owner, is_front, len(rows)) > 0)[owner])
+        first = np.searchsorted(owner[kept], np.arange(len(rows) + 1))
+        n_face = np.diff(first)
+        chosen = kept[first[:-1] + _draw(found.u[rows], found.v[rows]) % n_face]
+        tri[rows], u[rows], v[rows] = tri_at[chosen], u_at[chosen], v_at[chosen]
+        count[rows] = n_face
+        return replace(found, tri=tri, u=u, v=v), count
+
+    def _find_places(self, tri: NDArray[np.int32], point: _Rows) -> tuple[_Rows, _Rows]:
+        """(n,) each: barycentric weights of corners 1 and 2 of triangles (n,) at points (3, n) of their planes."""
+        corner, one, other = gather(self.tri_frame, tri).astype(np.float64)
+        at = point - corner
+
+        def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray(np.einsum("kn,kn->n", a, b))
+
+        aa, ab, bb, pa, pb = dot(one, one), dot(one, other), dot(other, other), dot(at, one), dot(at, other)
+        area2 = aa * bb - ab * ab
+        return ((bb * pa - ab * pb) / area2).astype(np.float32), ((aa * pb - ab * pa) / area2).astype(np.float32)
+
+
+def _number_planes(corners: _Rows, tri_normal: _Rows) -> list[NDArray[np.int64]]:
+    """(n_tri,) twice: numbers of the triangles' planes. Two in one plane have one number at least once, however they are rounded."""
+    normal = tri_normal.T.astype(np.float64)
+    flip = np.sign(np.take_along_axis(normal, np.abs(normal).argmax(axis=1)[:, None], axis=1))
+    offset = flip[:, 0] * (normal * corners.mean(axis=1, dtype=np.float64)).sum(axis=1) / (4 * ORIGIN_OFFSET)
+    steps = np.rint(normal * flip * _PLANE_STEPS).astype(np.int64) + _PLANE_STEPS
+    direction = (steps[:, 0] << 26) + (steps[:, 1] << 13) + steps[:, 2]
+    planes = [(direction << 20) + np.rint(offset + shift).astype(np.int64) for shift in (0.0, 0.5)]
+    return [np.unique(plane, return_inverse=True)[1].ravel() for plane in planes]
+
+
+def _meet_others(rays: RayScene, corners: _Rows, tri_normal: _Rows, asked: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(k,): triangles (k,) in whose place short rays find others. Of two in one place at least one does, unless they overlap little."""
+    normal, met = tri_normal.T[asked], np.zeros(len(asked), bool)
+    for weight in _POINTS:
+        point = np.einsum("k,nkc->nc", weight, corners[asked])
+        for side in (np.float32(1), np.float32(-1)):
+            start = point + side * np.float32(ORIGIN_OFFSET) * normal
+            found = rays.closest(start, -side * normal, np.full(len(asked), 2 * ORIGIN_OFFSET, np.float32)).tri
+            parallel = np.abs((normal * tri_normal.T[found]).sum(axis=1)) > _PARALLEL
+            met |= (found >= 0) & (found != asked) & parallel
+    return met
+
+
+def _find_overlaps(corners: _Rows, tri_normal: _Rows, rows: NDArray[np.int64], plane: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(2, m): pairs of the triangles `rows` (k,) in one plane (k,) that overlap by more than _LEAST_OVERLAP."""
+    _, first, place = np.unique(plane, return_index=True, return_inverse=True)
+    axes = orthonormal_basis(tri_normal.T[rows[first[place.ravel()]]].astype(np.float64))  # those of the first triangle in the plane
+    flat = np.stack([np.einsum("nkc,nc->nk", corners[rows], axis) for axis in axes], axis=2)
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    order = np.lexsort((low[:, 0], plane))
+    rank = np.arange(len(order))
+    # Of each triangle those that follow it along the first axis, up to its end.
+    in_plane = plane[order].astype(np.float64) * _PLANE_WIDTH
+    end = np.searchsorted(in_plane + low[order, 0], in_plane + high[order, 0])
+    found = [np.zeros((2, 0), np.int64)]
+    for part in np.array_split(rank, max(int((end - rank).sum()) // CHUNK_SIZE, 1)):
+        one, other = expand_ranges(part + 1, end[part])
+        one, other = order[part[one]], order[other]
+        beside = (low[one, 1] < high[other, 1]) & (low[other, 1] < high[one, 1])
+        one, other = one[beside], other[beside]
+        kept = _overlap(flat[one], flat[other])
+        found.append(np.stack([rows[one[kept]], rows[other[kept]]]))
+    return np.concatenate(found, axis=1)
+
+
+def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(m,): whether triangles (m, 3, 2) overlap: no line along a side parts them. Source: the separating axis theorem."""
+    meet = np.ones(len(one), bool)
+    for of in (one, other):
+        for k in range(3):
+            side = of[:, (k + 1) % 3] - of[:, k]
+            across = np.stack([-side[:, 1], side[:, 0]], axis=1) / np.maximum(np.hypot(side[:, 0], side[:, 1]), _TINY)[:, None]
+            a, b = (np.einsum("nkc,nc->nk", part, across) for part in (one, other))
+            meet &= np.minimum(a.max(axis=1), b.max(axis=1)) - np.maximum(a.min(axis=1), b.min(axis=1)) > _LEAST_OVERLAP
+    return meet
+
+
+def _draw(u: _Rows, v: _Rows) -> NDArray[np.int64]:
+    """(n,): numbers from the bits of where rays hit, so that the same ray always takes the same face."""
+    bits = [np.ascontiguousarray(of).view(np.uint32).astype(np.uint64) for of in (u, v)]
+    mixed = (bits[0] * np.uint64(0x9E3779B97F4A7C15)) ^ (bits[1] * np.uint64(0xC2B2AE3D27D4EB4F))
+    return (mixed >> np.uint64(40)).astype(np.int64)
