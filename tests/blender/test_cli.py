@@ -117,21 +117,6 @@ def test_per_object_passes_and_formats(room):
     assert {(file["pass_name"], file["kind"]) for file in files} == {(p, k) for p in ("lighting", "albedo") for k in ("exr", "hdr", "png")}
 
 
-def test_names_that_files_cannot_have_stay_apart(tmp_path):
-    """Some hold what a file's name may not, some are as long as Blender allows."""
-    open_room()
-    cube = bpy.data.objects["Cube"]
-    for place, name in enumerate(("Ä" * 255, "B" * 255)):
-        other = bpy.data.objects.new(name, cube.data.copy())
-        other.location = (1.5 * place - 1.0, 1.5, 0.6)
-        bpy.context.scene.collection.objects.link(other)
-    cube.name, bpy.data.objects["Floor"].name = "a/b", "A:b"
-    assert bake(save_scene(tmp_path / "room.blend"), "--per-object") == 0
-    names = list_files(tmp_path / "maps")
-    assert len({name.lower() for name in names}) == 4
-    assert sum(bool(re.fullmatch(r"[aA]_b_*\.combined\.exr", name)) for name in names) == 2
-
-
 def test_objects_named_get_a_lightmap_and_the_rest_still_cast_light(room):
     assert bake(room, "--objects", "Floor", "--per-object", "--pass", "direct") == 0
     assert list_files(room.parent / "maps") == ["Floor.direct.exr"]
@@ -210,20 +195,6 @@ def test_a_dry_run_tells_the_plan_and_leaves_nothing(room, capsys):
     for part in ("2 objects, ", "1 page of 256 x 256", " of memory", "usually ", "Floor takes 73 % of the texels"):
         assert part in told, told
     assert list_files(room.parent) == ["room.blend"]
-
-
-def test_small_objects_are_finer_unless_one_density_is_wanted(tmp_path, capsys):
-    open_room()
-    bpy.data.objects["Floor"].scale = (12.0, 12.0, 1.0)
-    scene, texels = save_scene(tmp_path / "room.blend"), []
-    for words in ((), ("--no-even-out",)):
-        assert bake(scene, "--size", "128", *words) == 0
-        texels.append({row["name"]: row["texels"] for row in read_report(scene)["objects"]})
-    assert texels[0]["Cube"] > 10 * texels[1]["Cube"]
-    assert texels[0]["Floor"] > 0.5 * texels[1]["Floor"]
-    capsys.readouterr()
-    assert bake(scene, "--size", "128", "--dry-run") == 0
-    assert "Even Out: 1 object finer" in capsys.readouterr().err
 
 
 def test_another_scene_of_the_file_is_baked(tmp_path, capsys):

@@ -172,19 +172,6 @@ def test_output_choices_reach_the_bake(scene, tmp_path):
     assert "name_pattern: expected no other fields" in bake_error()
 
 
-def test_labels_of_choices():
-    choices = ("exr", "logluv", "combined", "leaf_edges", "bake", "objects", "stderr")
-    assert [words.name_choice(choice) for choice in choices] == [
-        "EXR",
-        "LogLuv",
-        "Combined",
-        "Leaf Edges",
-        "Whole Scene",
-        "Each Object",
-        "Noise",
-    ]
-
-
 def test_selected_objects_are_baked(scene):
     scene.leaflight.objects = "SELECTED"
     assert "no mesh is selected" in bake_error()  # the lamp is

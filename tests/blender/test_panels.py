@@ -98,17 +98,6 @@ def test_warnings_go_with_the_bake_that_they_are_of():
     assert not tells("1 page of 32 x 32")
 
 
-def test_another_scene_is_told_nothing():
-    bpy.ops.leaflight.bake()
-    other = bpy.data.scenes.new("Other")
-    obj = bpy.data.objects["Floor"].copy()
-    other.collection.objects.link(obj)
-    bpy.context.window.scene = other
-    assert "leaflight_bake" in obj
-    assert not tells("has no faces")
-    assert not tells("1 page of 32 x 32")
-
-
 def test_an_error_stands_where_it_came_from():
     first, other = bpy.context.scene, bpy.data.scenes.new("Other")
     bpy.data.objects["Lamp"].hide_render = True
@@ -141,16 +130,6 @@ def test_what_is_urgent_stands_above_the_result_and_the_plan(state):
     places = find_places("Starting", "has no faces", "Baked in")
     assert places == sorted(places), "Stop, which stands with the progress, stays where it is"
     state.end()
-
-
-def test_an_error_stands_above_the_plan():
-    bpy.context.window_manager.leaflight_meter.measure(bpy.context)
-    bpy.data.objects["Lamp"].hide_render = True
-    with pytest.raises(RuntimeError, match="the scene has no light"):
-        bpy.ops.leaflight.bake()
-    labels = draw()[0]
-    error = next(i for i, label in enumerate(labels) if "the scene has no light" in label)
-    assert error < next(i for i, label in enumerate(labels) if "texels" in label)
 
 
 def test_what_may_not_fit_a_page_is_told_before_the_bake():
@@ -280,14 +259,6 @@ def test_the_worst_object_is_selected_by_a_button(state):
     assert tells("12 leaves")
 
 
-def test_a_number_stays_with_its_per_cent_sign():
-    context, layout_ = PanelContext(), Layout([], [], [])
-    context.region = SimpleNamespace(width=220)
-    panel_parts.draw_sentence(layout_, context, "Worst object: Chair 1, 30 %", "NONE")
-    assert layout_.labels[-1].endswith("30 %")
-    assert len(layout_.labels) > 1
-
-
 def test_no_button_moves_when_the_scene_changes():
     """What says that it is measured takes the place of a line."""
     bpy.ops.leaflight.bake()
@@ -308,14 +279,6 @@ def test_edit_mode_is_left_by_a_button():
     (button,) = [properties for name, properties in draw()[1] if name == "object.mode_set"]
     bpy.ops.object.mode_set(mode=button.mode)
     assert bpy.context.mode == "OBJECT"
-
-
-def test_the_button_is_above_all_that_is_said():
-    drawn = []
-    for folder in ("//maps", bpy.context.scene.leaflight.output):
-        bpy.context.scene.leaflight.output = folder
-        drawn.append(draw()[1][0][0])
-    assert drawn == ["leaflight.bake", "leaflight.bake"]
 
 
 class Lasting:

@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from blend_rooms import add_mesh, ask_quick_bake, open_room
-from leaflight.addon.ui import checker_arrays, panel_parts
+from leaflight.addon.ui import checker_arrays
 from leaflight.addon.ui.select_operator import is_known
 
 
@@ -207,13 +207,6 @@ def test_undo_and_another_frame_are_measured_anew(meter):
     assert measure(meter).area_m2 == pytest.approx(16.0 + 6.0)
 
 
-def test_estimate_in_words(meter):
-    bpy.context.scene.leaflight.density = 20.0
-    lines = panel_parts.describe_estimate(measure(meter))
-    assert lines[:3] == ["2 objects, 22 m²", "8,800 texels, 20 per metre", "1 page of 512 x 512"]
-    assert lines[3:] == ["about 430 MB of memory", "usually 1 s to 3 s"]
-
-
 def test_resolution_is_a_page_or_a_density():
     chosen = bpy.context.scene.leaflight
     assert chosen.resolution == "PAGE"
@@ -224,15 +217,6 @@ def test_resolution_is_a_page_or_a_density():
     assert chosen.density == 0.0
     chosen.resolution = "DENSITY"
     assert chosen.density == 33.0
-
-
-def test_custom_quality_stays_pressed():
-    chosen = bpy.context.scene.leaflight
-    assert chosen.quality == "PRODUCTION"
-    chosen.quality = "CUSTOM"
-    assert (chosen.quality, chosen.error) == ("CUSTOM", pytest.approx(0.05))
-    chosen.quality = "DRAFT"
-    assert (chosen.quality, chosen.error) == ("DRAFT", pytest.approx(0.2))
 
 
 def test_checker_has_texels_of_the_wanted_size_before_there_are_charts():
@@ -261,14 +245,6 @@ def test_checker_is_as_coarse_as_what_does_not_fit_a_page_will_be(meter, tmp_pat
     assert ((ratio > 0.9).sum(), (ratio < 0.75).sum()) == (12, 2)
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
     np.testing.assert_allclose(ratio, make_checker(150.0).ratio[::3], rtol=0.2)
-
-
-def test_checker_is_made_in_steps():
-    maker = checker_arrays.CheckerMaker(10.0, {})
-    assert maker.work(bpy.context, seconds=-1.0) is None
-    whole = maker.work(bpy.context)
-    np.testing.assert_array_equal(whole.texel, make_checker(10.0).texel)
-    assert len(whole.position) == 3 * (12 + 2)
 
 
 def test_checker_shows_the_layer_once_there_is_one():

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from boxes import bake_folder, lamp_scene, list_files, room_mesh
+from boxes import bake_folder, lamp_scene, list_files
 from leaflight.core.bake import bake, preview
 from leaflight.core.bake.checkpoint import read_info
 from leaflight.core.output import resolve
 from leaflight.core.output.image_file import read_image
 from leaflight.core.parallel import executors
-from leaflight.core.scene.scene import Light, Material
+from leaflight.core.scene.scene import Light
 from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
 from leaflight.core.util.encodings import ENCODINGS
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
@@ -31,17 +31,6 @@ LIGHT_STAGES = ["photons", "direct", "photons", "write"]
 def patient(monkeypatch):
     """However slow the machine is, nobody is asked before there is light."""
     monkeypatch.setattr("leaflight.core.util.progress.SECONDS_BETWEEN_WORDS", math.inf)
-
-
-def test_light_that_photons_had_not_lost_is_told_and_stated(tmp_path):
-    lamp = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 10.0, 10.0), radius_m=0.02)
-    scene = make_scene([room_mesh()], [lamp], [Material("White", (0.99,) * 3)])
-    messages, result = bake_folder(tmp_path, scene, replace(QUICK, max_photons=2000, max_depth=150))
-    told = [message.text for message in messages if isinstance(message, Warning_)]
-    assert len(told) == 1
-    lost = result["energy_audit_w"]["remainder"][0] / result["energy_audit_w"]["emitted"][0]
-    assert told[0].startswith(f"{lost:.0%} of the light was still under way after 150 surfaces")
-    assert 0.1 < lost < result["estimated_error"]
 
 
 def test_files_and_result_say_the_same(tmp_path, patient):
@@ -94,16 +83,6 @@ def test_every_pass_and_kind_of_a_bake_can_be_read(tmp_path):
     lighting = found["lighting", "exr"][..., :3]
     for kind in ENCODINGS:
         np.testing.assert_allclose(found["lighting", kind], lighting, atol=0.022 * lighting.max())
-
-
-def test_rows_of_objects_are_those_of_the_image(tmp_path):
-    _, result = bake_folder(tmp_path, lamp_scene(), QUICK)
-    assert [(row["name"], row["page"]) for row in result["objects"]] == [("Floor", 0), ("Block", 0)]
-    assert [row["charts"] for row in result["objects"]] == [1, 6]
-    pixels, metadata = read_image(Path(result["files"][0]["path"]))
-    assert pixels.shape == (32, 32, 4)
-    assert sum(row["texels"] for row in result["objects"]) == np.count_nonzero(pixels[..., 3])
-    assert metadata["leaflight:pass"] == "combined"
 
 
 def test_a_folder_can_be_used_again(tmp_path):
@@ -192,14 +171,6 @@ def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path, plac
     assert list_files(tmp_path) == before
 
 
-def test_objects_that_do_not_receive_get_no_row_and_no_texel(tmp_path):
-    scene = lamp_scene()
-    objects = (scene.objects[0], replace(scene.objects[1], receives=False))
-    _, result = bake_folder(tmp_path, replace(scene, objects=objects), QUICK)
-    assert [row["name"] for row in result["objects"]] == ["Floor"]
-    assert result["files"][0]["objects"] == [0]
-
-
 def test_the_result_tells_the_error_of_each_object_and_whose_error_ended_the_bake(tmp_path):
     _, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, error=0.2, max_photons=10**6, error_of="objects"))
     errors = [row["estimated_error"] for row in result["objects"]]
@@ -263,14 +234,6 @@ def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_p
     bake_folder(tmp_path / "rest", lamp_scene(), replace(settings, passes=("direct",)), resume=kept)
     one, other = (read_image(tmp_path / name / "images" / "room_0.direct.exr")[0] for name in ("all", "rest"))
     np.testing.assert_array_equal(one, other)
-
-
-def test_stopped_before_direct_light_is_done_there_is_nothing_to_go_on_from(tmp_path, patient):
-    kept = tmp_path / "kept"
-    bake_folder(tmp_path, lamp_scene(), QUICK, keep=str(kept))
-    assert read_info(kept)
-    bake_folder(tmp_path, lamp_scene(), QUICK, should_stop=lambda: True, keep=str(kept))
-    assert not kept.exists()
 
 
 def test_a_state_that_cannot_be_kept_is_a_warning(tmp_path):

@@ -40,20 +40,6 @@ def test_every_stage_moves_the_bar_forward():
     assert bars[len(bars) // 2] < 0.25, "else the bar would wait for the light nearly full"
 
 
-def test_the_bar_goes_on_while_light_is_gathered():
-    """Towards the error asked for, but not so far as it would be if no texel had to be gathered again."""
-    bar, look = Bar(), (lambda share: Status("photons", "Indirect light", share))
-    bars = hear(bar, progress(0.2), look(0.5), look(1.0), Status("photons", "Tracing photons"), look(0.25), progress(0.1))
-    assert bars == sorted(bars)
-    assert bars[0] < bars[1] < bars[2] == bars[3] < bars[4] == bars[5] < 0.93
-
-
-def test_shadow_rays_that_are_shot_again_say_nothing_of_the_whole():
-    bar = Bar()
-    first, second = hear(bar, progress(0.2), Status("direct", "Direct light", 0.9))
-    assert first == second
-
-
 def test_a_time_is_told_once_two_rounds_agree():
     bar = Bar()
     hear(bar, progress(0.01, left=61.0, error=math.nan))

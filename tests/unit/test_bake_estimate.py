@@ -40,13 +40,6 @@ def test_density_decides_texels_and_pages():
     assert estimate(density=100.0).too_large == ("Walls",)
 
 
-def test_what_is_about_as_large_as_a_page_may_not_fit_it():
-    """The walls' 504 x 504 texels at most, where charts usually leave a third of a page free."""
-    found = [estimate(density=density) for density in (50.0, 60.0, 64.0, 70.0)]
-    assert [one.nearly for one in found] == [(), ("Walls",), ("Walls",), ()]
-    assert [one.too_large for one in found] == [(), (), (), ("Walls",)]
-
-
 def test_what_is_longer_than_a_page_does_not_fit_it():
     rail = Measured("Rail", 1.0, 12, 2.0, 20.0)
     found = [estimate([*ROOM, rail], density=density) for density in (17.5, 20.0)]
@@ -99,12 +92,6 @@ def test_pages_are_told_as_they_are_made():
     assert estimate(boxes[:200]).pages == 1
 
 
-def test_one_object_of_many_charts_has_a_larger_page():
-    city = [Measured("City", 6000.0, 140_000, 1.0, n_chart=14_000)]
-    assert [(one.pages, one.page_size) for one in (estimate(city), estimate([*city, *ROOM]))] == [(1, 2048)] * 2
-    assert estimate(city).density < estimate(city, size=4096).density
-
-
 def test_finer_bakes_take_more():
     coarse, fine = estimate(error=0.2), estimate(error=0.05)
     assert coarse.seconds[1] < fine.seconds[1]
@@ -142,28 +129,6 @@ def test_where_each_object_is_to_be_right_it_takes_more_and_no_other_bake_tells_
 def test_a_bake_that_tells_too_little_has_no_pace(changes):
     assert Pace.of_result(RESULT) is not None
     assert Pace.of_result(RESULT | changes) is None
-
-
-# Of docs/samples/README.md, but for triangles: texels, triangles, seconds in all. Two cores.
-SAMPLES = {
-    "bent_quads": (115_771, 1536, 9.65),
-    "cornell_box": (173_662, 30, 2.62),
-    "figure2_square": (190_951, 14, 1.91),
-    "furnace": (163_350, 12, 3.24),
-    "furnished_room": (147_136, 4974, 10.85),
-    "instances": (202_401, 1478, 5.53),
-    "two_rooms": (204_858, 182, 4.29),
-}
-
-
-@pytest.mark.parametrize("name", SAMPLES)
-def test_samples_take_what_was_told(name):
-    """The panel tells a span; each sample's time lies in it, on the texels that were told too."""
-    texels, n_triangle, seconds = SAMPLES[name]
-    found = estimate([Measured(name, 100.0, n_triangle, 1.0)])
-    assert found.seconds[0] < seconds < found.seconds[1]
-    assert found.seconds[1] <= 4.01 * found.seconds[0]
-    assert 0.6 < found.texels / texels < 1.6
 
 
 @pytest.mark.parametrize("area", [0.0, float("inf"), float("nan")])

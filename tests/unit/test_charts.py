@@ -169,13 +169,6 @@ def test_as_many_pages_as_needed_are_made_by_themselves():
     assert not atlas.warnings
 
 
-def test_one_page_is_enough_while_charts_have_texels():
-    scene = make_scene([moved(box_mesh(), scale=1.0 + 0.1 * k, name=f"Box {k}") for k in range(10)])
-    assert make_charts(scene, Settings(size=64)).page_count == 1
-    grit = moved(sphere_mesh("Grit"), scale=1e-3)
-    assert make_charts(make_scene([grit, quad_mesh("Floor", 10, 10)]), Settings(size=64)).page_count == 1, "large charts have the texels"
-
-
 def test_more_pages_than_may_be_are_refused():
     scene = make_scene([moved(box_mesh(), scale=1.0 + 0.01 * k, name=f"Box {k}") for k in range(30)])
     needed = make_charts(scene, Settings(size=64)).page_count
@@ -263,18 +256,3 @@ def test_linked_duplicates_wear_one_block_each_in_its_own_place(options):
         assert (found[worn] < 400.0).all()
     else:
         np.testing.assert_allclose(found[worn], options.get("density", found[worn][0]), rtol=1e-9)
-
-
-def test_without_sharing_every_object_is_by_itself():
-    scene = make_scene(linked_meshes())
-    atlas = make_charts(scene, Settings(size=192, share_meshes=False))
-    check_atlas(scene, atlas, 4)
-    assert (atlas.object_block < 0).all()
-
-
-def test_blocks_cost_little_room():
-    """Five sizes of a crate, many times: not much less dense than charts packed one by one."""
-    crate = box_mesh("Crate", (0.5, 0.3, 0.2))
-    scene = make_scene([shared_mesh(f"Crate {k}", crate, (1 + 0.2 * (k % 5),) * 3) for k in range(60)])
-    shared, alone = (densities(scene, make_charts(scene, Settings(size=512, share_meshes=share)))[0] for share in (True, False))
-    assert 0.8 * alone < shared <= 1.02 * alone

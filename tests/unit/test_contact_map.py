@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
 from leaflight.core.bake import solve
-from leaflight.core.integrate import texel_light, texel_shards
+from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.parallel import executors, folders, shared_arrays
 from leaflight.core.scene.scene import Light
@@ -153,16 +153,6 @@ def test_a_thing_covers_no_part_of_itself(tmp_path):
     assert len(cut.borders.entry) == 0
 
 
-def test_a_corridor_of_two_columns_is_one_piece(tmp_path):
-    """What is met beyond the next texel's point parts nothing from that."""
-    _, cut, _, scene = cut_floor(tmp_path, wall(31.3 / SIDE - 0.05), wall(32.7 / SIDE + 0.05))
-    pieces = draw_pieces(cut, scene)
-    assert (pieces[:, 31:33] == pieces[0, 31]).all()
-    assert len(cut.chart_page) == len(np.unique(pieces[0, [10, 28, 31, 36, 50]])) == 5
-    left, right = (np.flatnonzero(cut.texel_xy[:, 0] == column) for column in (31, 32))
-    assert not cut.borders.are_between(0, left, right).any()
-
-
 def turned(degrees, side):
     """The layer of a quad that is turned on its page."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
@@ -206,13 +196,6 @@ def test_what_was_joined_parts_as_before(tmp_path, split):
     assert len(np.unique(np.stack(drawn, axis=2).reshape(-1, 2), axis=0)) == 3
 
 
-def test_what_stands_beyond_the_last_texel_parts_nothing(tmp_path):
-    """Of the last column three tenths are covered, so that its points are nearer to the others' than a texel, and so is the wall there."""
-    floor = replace(quad_mesh("Floor", 63.3 / SIDE, uv=SQUARE * [63.3 / SIDE, 1]))
-    texels, cut, _, _ = cut_floor(tmp_path, wall(x_m=63.3 / SIDE + 0.05), floor=floor)
-    assert len(cut.chart_page) == len(texels.chart_page) == 1
-
-
 def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     """Boxes on a floor and on each other; a wall with an end stands on it too, and a rug and a ball lie there."""
     boxes = [
@@ -238,13 +221,6 @@ def test_charts_know_nothing_of_each_other(tmp_path, part_entries):
     assert set(whole.patches.size.tolist()) == {1, TILE_TEXELS}  # tiles are known only within what one look is at
     assert whole.touched.any()
     assert len(np.unique(texels.texel_chart[whole.borders.entry])) >= 2
-
-
-def test_what_hangs_above_parts_nothing(tmp_path):
-    texels, cut, cut_atlas, _ = cut_floor(tmp_path, moved(wall(), (0, 0, 3.2 / SIDE)))
-    assert len(cut.chart_page) == len(texels.chart_page)
-    assert len(cut.borders.entry) == 0
-    assert len(cut_atlas.chart_page) == 1
 
 
 def test_what_rises_from_the_floor_parts_nothing(tmp_path):
@@ -370,44 +346,6 @@ def test_a_texel_shows_what_its_square_sees_on_both_sides(tmp_path):
     beside, crossed, beyond = (light[column == k].mean() for k in (31, 32, 33))
     assert beyond == 0.0
     assert crossed == pytest.approx(0.7 * beside, rel=0.04)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_texel_that_sees_past_a_wall_tells_nothing_of_its_neighbours(tmp_path, seed):
-    """A wall's foot 0.18 texels left of a column's centre: 0.14 of the squares there see the lamp, those behind nothing of it."""
-    lamp = replace(LAMP, radius_m=0.05)
-    _, cut, _, scene = cut_floor(tmp_path, sheet(32.32 / SIDE), light=lamp)
-    shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
-    shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
-    every = np.arange(len(cut.texel_chart))
-    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02)
-    found = texel_shards.light_texels(shard)
-    light = found.irradiance_rgb[:, 0]
-    folders.forget_folders()
-    assert found.counters["shared"] > 0.6 * len(every)  # by tiles that hold no such texel
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-    column, row = (position[:, :2] * SIDE).astype(int).T
-    beside, crossed, behind = (light[column == k][np.argsort(row[column == k])] for k in (31, 32, 33))
-    assert behind.max() == light[column > 32].max() == 0.0
-    assert np.mean(crossed / beside) == pytest.approx(0.14, abs=0.04)
-    assert (crossed > 0.02 * beside).mean() > 0.9
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_texels_at_both_feet_of_a_wall_tell_nothing_of_each_other(tmp_path, seed):
-    """Those at its foot towards the lamp see that with 0.14 of their squares; those at the other come next to them in their list."""
-    lamp = replace(LAMP, radius_m=0.05)
-    _, cut, _, scene = cut_floor(tmp_path, wall(36.5 / SIDE, thick_m=8.36 / SIDE), light=lamp)
-    shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
-    shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
-    every = np.arange(len(cut.texel_chart))
-    shard = texel_shards.DirectShard(str(tmp_path), seed=seed, turn=0, start=0, texels=every, tolerance=0.02)
-    light = texel_shards.light_texels(shard).irradiance_rgb[:, 0]
-    folders.forget_folders()
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-    column = (position[:, 0] * SIDE).astype(int)
-    assert light[column > 32].max() == 0.0
-    assert (light[column == 32] > 0.0).mean() > 0.8
 
 
 @pytest.mark.parametrize("seed", range(3))

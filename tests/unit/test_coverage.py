@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from leaflight.core.util.coverage import Pieces, as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from leaflight.core.util.coverage import Pieces, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
 
 RANGES = st.lists(st.tuples(st.integers(0, 50), st.integers(-3, 20)), max_size=12)
 
@@ -55,10 +55,3 @@ def test_squares_smaller_than_a_texel(mirrored: bool) -> None:
     np.testing.assert_allclose(np.bincount(pieces.pair, pieces.area), [0.15 * 0.5, 0.01], rtol=1e-12)
     first = pieces.x[:, pieces.pair == 0]
     np.testing.assert_allclose([first.min(), first.max()], [-0.25, -0.1], rtol=1e-12)
-
-
-@pytest.mark.parametrize(("rows", "is_slice"), [([3, 4, 5], True), ([7], True), ([3, 5, 6], False), ([], False)])
-def test_rows_that_follow_each_other_become_a_slice(rows: list[int], is_slice: bool) -> None:
-    told = as_slice(np.array(rows, np.int64))
-    assert isinstance(told, slice) == is_slice
-    np.testing.assert_array_equal(np.arange(10)[told], rows)

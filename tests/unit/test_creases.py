@@ -65,12 +65,6 @@ def test_faces_smaller_than_texels_stay_together():
     assert set(cut.tri_chart.tolist()) == {0}
 
 
-def test_a_small_face_does_not_join_large_ones():
-    scene, atlas = strip(60, faces=3)
-    atlas.tri_uv[2:4] *= 1e-2  # the middle one
-    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 1, 1, 2, 2]
-
-
 @pytest.mark.parametrize(
     ("widths", "charts"),
     [
@@ -139,18 +133,6 @@ def test_a_floor_is_whole_where_a_wall_ends_within_or_beside_an_edge_or_is_anoth
     assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 0, 0, 1]
     scene.tri_object[:] = 1
     assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 1, 1, 2]
-
-
-def test_a_smooth_fold_is_no_foot_though_vertices_lie_at_one_place_elsewhere():
-    scene, atlas = strip(60, smooth=True)
-    n, corner = len(scene.vertex_position), scene.vertex_position[0]
-    scene.vertex_position = np.concatenate([scene.vertex_position, corner + np.array([[0, 0, 0], [-1, 0, 0], [0, -1, 0]])])
-    scene.tri_vertex = np.concatenate([scene.tri_vertex, n + np.arange(3)[None]])
-    scene.tri_normal = np.concatenate([scene.tri_normal, np.tile(np.float32([0, 0, 1]), (1, 3, 1))])
-    scene.tri_object = np.append(scene.tri_object, scene.tri_object[0])
-    uv = 60 + np.array([[[0, 0], [16, 0], [0, 16.0]]])
-    atlas = replace(atlas, tri_chart=np.append(atlas.tri_chart, 0), tri_uv=np.concatenate([atlas.tri_uv, uv]))
-    assert creases.cut_at_creases(scene, atlas).tri_chart.tolist() == [0, 0, 0, 0, 1]
 
 
 @pytest.mark.parametrize("own_vertices", [False, True])

@@ -69,26 +69,6 @@ def test_a_step_of_four_errors_is_seen(texels):
     assert columns[SIDE // 2] - columns[SIDE // 2 - 1] > 0.75 * 4 * SIGMA
 
 
-def test_texels_that_no_photon_met_by_chance_count_as_the_others_do(texels):
-    """They have no variance of their own; taken for exact they would pull the mean down."""
-    n = len(texels.texel_xy)
-    met = np.random.default_rng(1).random(n) < 0.3
-    light = np.broadcast_to(np.float32(met / 0.3)[:, None], (1, n, 3))
-    found = denoise_all(light, light[0] ** 2, np.ones(n, bool), texels)
-    assert found.mean() == pytest.approx(light.mean(), rel=0.015)
-
-
-@pytest.mark.parametrize("colour", [(1, 1, 1), (0, 0, 1)])
-def test_a_texel_that_was_dark_by_chance_leaves_no_dent(texels, colour):
-    # Four rays each, of which one in a hundred meets something: most texels say they are sure of full light.
-    lit = (np.random.default_rng(5).random((4, len(texels.texel_xy))) < 0.99).mean(axis=0)
-    light = np.float32(1.0 - (1.0 - lit[:, None]) * colour)
-    found = denoise_all(light[None], light * (1 - light) / 3, lit < 1.0, texels)[0]
-    assert light.min() <= 0.75
-    assert found.min() > 0.93
-    assert 1 - found.mean() == pytest.approx(1 - light.mean(), rel=0.05)  # what they are too dark by goes to those around
-
-
 def test_nothing_is_touched_where_there_is_no_grain(texels):
     noisy, found = smooth(texels, even, grainy=False)
     assert (found == noisy).all()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_forms import from_polygon
-from floors import floor_looks, floor_tiles, lit_scene, prepare, to_grid
+from floors import floor_looks, lit_scene, prepare, to_grid
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
 from leaflight.core.lights.direct_lights import make_triangle_sources
@@ -71,13 +71,6 @@ def test_long_strips_close_by_give_all_of_their_light():
     found = light_floor(pooled, max_rays=64, tolerance=0.0).irradiance_rgb
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
     assert np.sqrt((((found - expected) / expected) ** 2).mean()) < 0.2
-
-
-def test_few_slender_triangles_are_sources_one_by_one():
-    scene = lit_scene(emission=[moved(quad_mesh("Strip", 20.0, 0.01), (-9.5, 0.5, 0.5))])
-    pooled = prepare(scene)[0]
-    assert not pooled.pools
-    assert len(pooled.sources) == 2
 
 
 def test_triangles_that_share_an_edge_with_the_floor():
@@ -169,16 +162,6 @@ def test_clusters_of_more_triangles_than_they_are():
         expected += math.pi * 0.01 / square * 0.6 / np.sqrt(square)
     assert np.sqrt(((found / expected - 1) ** 2).mean()) < 0.1
     assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
-
-
-def test_tiles_choose_what_is_seen_from_them():
-    """Lamps on both sides of a wall: texels of tiles choose with no more noise than those that choose alone."""
-    wall = box_mesh("Wall", (2.0, 0.02, 3.0), (0.5, 0.5, 1.5))
-    lamps = [box_mesh(f"Lamp {i}", (0.1, 0.1, 0.05), (0.15 + 0.35 * (i % 3), 0.2 + 0.6 * (i // 3), 0.5)) for i in range(6)]
-    scene, _, _ = prepare(lit_scene([wall], emission=lamps))
-    alone, together = (light_floor(scene, tolerance=0.0, max_rays=16, **options) for options in ({}, {"tiles": floor_tiles(SIDE)}))
-    assert alone.irradiance_rgb.mean() == pytest.approx(together.irradiance_rgb.mean(), rel=0.01)
-    assert np.median(together.variance_rgb) < 1.3 * np.median(alone.variance_rgb)
 
 
 def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():

@@ -82,28 +82,6 @@ def test_places_that_are_no_numbers_do_no_harm():
     assert np.bincount(cells.tri, cells.area_m2) == pytest.approx([1, 1], rel=1e-6)
 
 
-def test_the_parts_of_a_slender_textured_strip_show_what_is_there():
-    """A strip of 50 m by 2 cm, dark but for one end: cells of it are short, and know which of them shine."""
-    pixels = np.zeros((2, 64, 3), np.float32)
-    pixels[:, :16] = 1
-    scene = screen(pixels, closest=True)
-    scene = replace(scene, vertex_position=scene.vertex_position * np.array([25.0, 0.02, 1.0]))
-    (_, even), (_, cells) = find_emitting_cells(scene, SurfaceMaterials(scene), LightLinks.of(scene))
-    rng = np.random.default_rng(5)
-    assert even.constant
-    assert even.mean_rgb == pytest.approx(2.0)
-    assert even.area_m2.sum() + cells.area_m2.sum() == pytest.approx(1.0)
-    assert even.area_m2.sum() > 0.2
-    cell = np.repeat(rng.choice(len(cells.tri), 400, replace=False), 50)
-    tri, barycentric = cells.place(cell, rng.random((len(cell), 2)))
-    corner = scene.tri_position[tri, :, 0]
-    x = corner[:, 0] + (barycentric * (corner[:, 1:] - corner[:, :1])).sum(axis=1)
-    assert np.ptp(x.reshape(400, 50), axis=1).max() < 0.3
-    shines = SurfaceMaterials(scene).emission_at(tri, *barycentric.T)[:, 0] > 0
-    assert (shines == (x < 12.5)).mean() > 0.999
-    assert not (cells.mean_rgb[cell, 0] > 0)[x > 13.5].any()
-
-
 def palette(part: float) -> SceneSnapshot:
     """Four quads of 1 x 1 m, each of one swatch of an image of 4 x 4, of which its UVs take up so much."""
     scene = make_scene([quad_mesh(f"Quad {i}") for i in range(4)])

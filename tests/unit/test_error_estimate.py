@@ -129,11 +129,6 @@ def test_the_worst_texels_are_left_out(share, counted):
     assert found**2 == pytest.approx(counted / error_metric.BEST_TEXELS * 100.0 / brightness2, rel=0.15, abs=1e-9)
 
 
-def test_more_photons_state_less():
-    few, many = (state(bake, current(bake)).relative for bake in (throw(even, n, 3, degree=1, level=2) for n in (20_000, 320_000)))
-    assert many == pytest.approx(few / 4, rel=0.35)
-
-
 def test_leaves_that_are_shown_with_what_is_around_err_by_what_they_state():
     """Half of them, three times as bright as they are; the others as without."""
     bake = throw(even, 4000, seed=3, level=2)
@@ -146,16 +141,6 @@ def test_leaves_that_are_shown_with_what_is_around_err_by_what_they_state():
     assert stated.photons**2 == pytest.approx((0.25 / (9.0 + 4 * error_metric.DARK_FLOOR**2) + alone.photons**2) / 2, rel=0.1)
     surer = replace(few, variance=0.0 * few.variance)
     assert error_estimate.state_error(read(bake), dark_of(bake), bake.texels, False, few=surer).relative < 0.8 * alone.relative
-
-
-def test_nodes_of_few_photons_do_not_judge():
-    """Even light on 16 leaves; what single texels below them say, which have seen two photons each, is noise and no doubt."""
-    ratios = []
-    for seed in range(6):
-        bake = throw(even, 8000, seed, level=2, preview_depth=4)
-        told = state(bake, current(bake))
-        ratios.append(told.chosen / noise_of(bake, current(bake)))
-    assert max(ratios) < 1.27  # 1.32 to 1.44 with the deepest as judges
 
 
 def ripple_squares(bake, rows, height, photons, seed):

@@ -118,21 +118,6 @@ def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tm
     assert found.counters["rays"] > 5 * len(x)  # more than one span of them
 
 
-def test_light_that_is_known_besides_makes_texels_content_with_fewer_rays(tmp_path):
-    solver = make_solver(tmp_path, coloured_room(), SETTINGS, begun=False)
-    x, y, z = places_of(solver).T
-    upper = np.arange(len(x) // 2, len(x))
-
-    def count_rays(bright):
-        direct = np.zeros((len(x), 3), np.float32)
-        direct[bright] = 1e4
-        known = know(solver, np.float32([x, y, z]), direct, np.zeros(len(x), np.float32))
-        return gather_known(solver, known, upper).counters["rays"] / len(upper)
-
-    assert count_rays(upper) == 4
-    assert count_rays(slice(0, upper[0])) > 8
-
-
 @pytest.mark.parametrize("above", [True, False])
 def test_texels_of_both_sides_gather_the_sum_of_both(tmp_path, above):
     """A sheet across a room whose one half alone has light, or sends what no texel tells."""

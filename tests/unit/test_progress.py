@@ -27,15 +27,6 @@ def test_a_word_a_second_says_the_share_that_is_done_and_at_what(clock):
     ]
 
 
-def test_the_same_word_is_not_said_again(clock):
-    told = []
-    speaker = ProgressReporter(told.append)
-    for second, share in ((2, 0.0), (4, 0.0), (6, 0.01)):
-        clock[0] = 100.0 + second
-        speaker.say(SAID, share, "Terrain")
-    assert [message.text for message in told] == ["Unwrapping, 0%: Terrain", "Unwrapping, 1%: Terrain"]
-
-
 def test_after_half_a_second_the_impatient_are_heard_whenever_anything_is_said(clock):
     told, stop = [], []
     speaker = ProgressReporter(told.append, lambda: bool(stop))

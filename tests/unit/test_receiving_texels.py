@@ -7,10 +7,9 @@ from boxes import lamp_scene
 from leaflight.core.atlas.chart_cache import ChartCache
 from leaflight.core.bake.receiving_texels import find_receivers, lay_out
 from leaflight.core.bake.run import Run
-from leaflight.core.parallel import executors, folders
+from leaflight.core.parallel import executors
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.texels import creases
-from leaflight.core.transport import traced_scene
 from leaflight.core.util.job import LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Status
 from leaflight.core.util.settings import Settings
@@ -60,17 +59,3 @@ def test_leaves_are_cut_where_the_block_stands_on_the_floor(run, scene):
     at_foot = scene.tri_object[found.texels.texel_tri[found.touched]]
     assert set(at_foot) == {0, 1}
     assert len(found.facets.chart_page) > len(creases.cut_at_creases(scene, atlas).chart_page)  # what lies below the block
-
-
-def test_texels_of_an_earlier_bake_in_the_folder_are_gone(run, scene):
-    find(run, scene)
-    folders.forget_folders()
-    of_earlier = run.folder / folders.TEXELS_FOLDER / "grid" / "of_a_larger_bake.npy"
-    of_earlier.parent.mkdir()
-    of_earlier.write_bytes(b"1")
-    _, found = find(run, scene, replace(SMALL, size=32))
-    try:
-        assert len(traced_scene.open_tracing(str(run.folder)).texels) == len(found.texels) < 32 * 32
-        assert not of_earlier.exists()
-    finally:
-        folders.forget_folders()

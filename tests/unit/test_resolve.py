@@ -181,36 +181,6 @@ def test_a_fleck_of_indirect_light_is_taken_out_and_one_of_direct_light_is_not()
     assert light.direct[inside].max() > 1.2 * light.direct[~inside].max()
 
 
-def smooth_both(bake, direct):
-    """The light at texels without and with its grain smoothed."""
-    field = replace(light_field(bake, np.flatnonzero(bake.tree.current)), direct=direct)
-    grainy, shown = (texel_light.light_at_texels(field, bake.texels, smooth_grain=smooth_grain) for smooth_grain in (False, True))
-    np.testing.assert_array_equal(shown.stderr, grainy.stderr)
-    return grainy, shown
-
-
-@pytest.mark.parametrize(("level", "smooth"), [(1, False), (2, True)])  # leaves of 32 texels are seen as such, of 16 as grain
-def test_grain_of_photons_is_that_of_small_leaves(level, smooth):
-    bake = SquareBake(side=64, degree=0, level=level)
-    bake.throw(*np.random.default_rng(2).random((2, 10_000)))
-    grainy, shown = smooth_both(bake, DirectField.none(bake.n_texel))
-    assert (np.abs(shown.direct - grainy.direct).max() > 1e-5) == smooth
-
-
-@pytest.mark.parametrize(("noise", "smooth"), [(0.004, False), (0.012, True)])
-def test_grain_of_rays_is_theirs_and_smears_nothing_else(noise, smooth):
-    """Half a percent of the light is no noise to care for; leaves of 32 texels have no grain."""
-    bake = SquareBake(side=64, degree=0, level=1)
-    rng = np.random.default_rng(2)
-    light = (1 + noise * rng.normal(size=(bake.n_texel, 3))).astype(np.float32)
-    direct = DirectField(light, np.full_like(light, noise**2), np.ones(len(light), np.int16))
-    bake.throw(*rng.random((2, 400_000)))
-    grainy, shown = smooth_both(bake, direct)
-    assert (shown.direct.std() < 0.6 * grainy.direct.std()) == smooth
-    np.testing.assert_array_equal(shown.indirect, grainy.indirect)
-    np.testing.assert_allclose(grainy.stderr**2 - smooth_both(bake, DirectField.none(len(light)))[0].stderr ** 2, noise**2, rtol=1e-3)
-
-
 @pytest.mark.parametrize("direct", ["photons", "rays"])
 def test_leaves_of_few_photons_lean_on_what_is_around_unless_those_come_straight_from_lamps(tmp_path, direct):
     settings = Settings(size=24, padding=1, error=0.01, direct=direct, max_photons=2000, hierarchical=False, finest_texels=4)

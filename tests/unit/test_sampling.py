@@ -197,19 +197,6 @@ def test_no_frequency_carries_much_more_noise_than_of_random_points():
     assert most_power(points) < 200
 
 
-def test_points_integrate_better_than_random_ones_and_without_bias():
-    def integrate(points):  # its mean is 1
-        return np.prod(
-            1 + 0.5 * np.sin(2 * np.pi * points.astype(np.float64)) * np.float64([1, -1, 1, -1]) + 0.4 * (points - 0.5), axis=1
-        ).mean()
-
-    rng = np.random.default_rng(9)
-    regular = np.array([integrate(points_of(rng.integers(0, 2**32, 4, np.uint32), 0, 4096)) for _ in range(60)])
-    plain = np.array([integrate(rng.random((4096, 4))) for _ in range(60)])
-    assert regular.std() < 0.2 * plain.std()
-    assert abs(regular.mean() - 1) < 4 * regular.std() / math.sqrt(60)
-
-
 def test_points_of_a_group_are_spread_and_each_is_uniform():
     count = 1 + np.arange(9000) % 9
     group = np.repeat(np.arange(9000), count)

@@ -103,15 +103,6 @@ def test_a_loose_part_of_the_same_object_counts_as_another_thing():
     assert find_sealed(scene, np.ones(scene.n_tri, bool)).tolist() == [True] * 12 + [False] * 2
 
 
-@pytest.mark.slow
-def test_the_search_ends_in_time():
-    """What was not looked into counts as open."""
-    ball = sphere_mesh(rings=64, segments=128)
-    scene = make_scene([moved(ball, (3.0 * i, 0.0, 0.0), name=f"Lamp {i}") for i in range(5)])
-    found = find_sealed(scene, np.ones(scene.n_tri, bool)).reshape(5, -1)
-    assert 0 < found.all(axis=1).sum() < 5
-
-
 def test_a_bake_is_the_same_with_far_fewer_rays(tmp_path, monkeypatch):
     """The same light, but for noise."""
     materials = [Material("Wall", (0.5,) * 3), Material("Lamp", (0.95,) * 3, emission_rgb=(10.0,) * 3)]
@@ -126,18 +117,6 @@ def test_a_bake_is_the_same_with_far_fewer_rays(tmp_path, monkeypatch):
     assert sealed.ledger.rays < 0.4 * plain.ledger.rays
     emitted = [light.ledger.audit_w()["emitted"][0] for light in (sealed, plain)]
     assert emitted[0] == pytest.approx(emitted[1] / 2, rel=1e-9)
-
-
-def test_direct_light_is_the_same_with_fewer_shadow_rays(tmp_path, monkeypatch):
-    materials = [Material("Wall", (0.5,) * 3), Material("Lamp", (0.5,) * 3, emission_rgb=(10.0,) * 3)]
-    scene = make_scene([room_mesh(), moved(LAMP, (0.0, 0.1, 0.2))], (), materials)
-    scene = replace(scene, tri_material=scene.tri_object)
-    settings = Settings(size=96, padding=1, workers=1, error=0.02, denoise=False)
-    sealed = solve_scene(tmp_path / "sealed", scene, settings)
-    monkeypatch.setenv(ablation.VARIABLE, "sealed_solids")
-    plain = solve_scene(tmp_path / "plain", scene, settings)
-    np.testing.assert_allclose(sealed.direct.irradiance.mean(axis=0), plain.direct.irradiance.mean(axis=0), rtol=2e-3)
-    assert sealed.direct.counters["rays"] < 0.6 * plain.direct.counters["rays"]
 
 
 def test_a_dense_ball_is_sealed_and_one_with_a_dent_is_not():

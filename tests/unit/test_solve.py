@@ -9,7 +9,7 @@ from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scen
 from leaflight.core.bake import photon_shards
 from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import executors
-from leaflight.core.radiosity import quadtree, tally
+from leaflight.core.radiosity import tally
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport.rounds import EARLY_GROWTH, FIRST_ROUND_PHOTONS
 from leaflight.core.util.messages import Progress
@@ -149,22 +149,6 @@ def test_flat_mode_has_leaves_of_the_finest_size(tmp_path, finest):
     np.testing.assert_array_equal(light.solution.coefficient, plain.coefficient)  # held against: as the photons say
 
 
-def test_contact_splits_where_it_is_forced(tmp_path):
-    """The node around a texel that something touches is split as soon as it is stable, though no light asks for it."""
-    sides = []
-    for name in ("free", "forced"):
-        solver = make_solver(tmp_path / name, lamp_scene(), replace(SETTINGS, direct="photons", oracle="paper", threshold=10.0))
-        touched = np.flatnonzero(solver.tracing.texels.texel_chart == 0)[0]
-        solver.forced_texels[touched] = name == "forced"
-        solver.run(lambda message: None, lambda: False)
-        current = np.flatnonzero(solver.tree.current)
-        sides.append(solver.tree.side[quadtree.node_of_texel(solver.tree, current, len(solver.tracing.texels))])
-    assert (sides[1] <= sides[0]).all()
-    assert sides[1][touched] <= 2 < sides[0][touched]
-    elsewhere = solver.tracing.texels.texel_chart > 0
-    assert np.array_equal(sides[0][elsewhere], sides[1][elsewhere])
-
-
 def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypatch):
     def fail(shard):
         raise ValueError(f"shard {shard.shard}")
@@ -173,19 +157,6 @@ def test_an_error_in_a_shard_ends_the_bake_and_leaves_no_view(tmp_path, monkeypa
     with pytest.raises(ValueError, match="shard 0"):
         solve_scene(tmp_path, lamp_scene(), QUICK)
     assert not list(tmp_path.glob("view_*"))
-
-
-def test_a_first_round_that_trees_are_refined_after_states_no_error(tmp_path):
-    """What it would say ends no bake; a bake of one round says what it knows all the same."""
-    errors = []
-    for name, most in (("many", 400_000), ("one", 20_000)):
-        told = []
-        solver = make_solver(tmp_path / name, lamp_scene(), Settings(size=32, padding=1, error=1e-4, max_photons=most))
-        light = solver.run(told.append, lambda: False)
-        errors.append([message.estimated_error for message in told if isinstance(message, Progress)])
-        assert errors[-1][-1] == light.error > 0.0
-    assert [math.isnan(error) for error in errors[0]] == [True] + [False] * (len(errors[0]) - 1)
-    assert len(errors[0]) > 1 == len(errors[1])
 
 
 def hall_and_den():

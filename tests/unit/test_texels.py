@@ -65,26 +65,6 @@ def test_moments_match_supersampling(seed: int) -> None:
     np.testing.assert_allclose(found[:, 0], texels.texel_area, rtol=1e-14)
 
 
-@pytest.mark.parametrize("degree", [0, 2, 4])
-def test_moments_of_ranges_match_one_polygon(degree: int) -> None:
-    """All texels of one triangle together have the moments of the triangle, and nested ranges add up."""
-    corner = np.array([[0.3, 1.2], [37.1, 5.6], [11.9, 39.5]])
-    texels = make_map(corner[None], size=64)
-    n, centre = len(texels.texel_area), np.array([20.0, 20.0])
-    start, end = np.array([0, 0, 5, n // 3, 7]), np.array([n, n // 3, 5, n, 3])
-    moments = texels.range_moments(start, end, np.tile(centre, (5, 1)), np.full(5, 16.0), degree)
-    unit = np.polynomial.legendre.leggauss(6)
-    a, b = (grid.ravel() for grid in np.meshgrid((unit[0] + 1) / 2, (unit[0] + 1) / 2))
-    weight = (np.outer(unit[1], unit[1]) / 4).ravel() * (1 - a) * 2 * texels.texel_area.sum()  # Duffy's map of the square
-    point = corner[0] + a[:, None] * (corner[1] - corner[0]) + ((1 - a) * b)[:, None] * (corner[2] - corner[0])
-    s, t = ((point - centre) / 16.0).T
-    expected = np.array([(weight * s**i * t**j).sum() for i, j in monomial_exponents(degree)])
-    scale = np.array([(weight * abs(s) ** i * abs(t) ** j).sum() for i, j in monomial_exponents(degree)])
-    assert (abs(moments[0] - expected) < 1e-12 * scale).all()
-    assert (abs(moments[1] + moments[3] - expected) < 1e-12 * scale).all()
-    assert not moments[[2, 4]].any()
-
-
 def test_asymmetric_page() -> None:
     """3 wide and 5 high, two triangles whose seam runs across: every texel is whole, rows run upwards."""
     quad = np.array([[1.0, 2.0], [4.0, 2.0], [4.0, 7.0], [1.0, 7.0]])

@@ -100,13 +100,6 @@ def test_wild_polygons_never_overlap(seed, n_vertex, most_corners, height):
     assert overlaps_within_charts(chart, uv) == 0
 
 
-def test_corners_on_both_sides_of_a_lost_triangle_stay_together():
-    """The middle triangle of the fan has no area; the two others share one corner only, in one chart."""
-    vertex = np.array([[0, 0, 0], [1, -1, 0], [1, 0, 0], [2, 0, 0], [2, 1, 3.0]])
-    _, chart, *_ = check_promises(Mesh("Lost", vertex, [[0, 1, 2, 3, 4]]))
-    assert chart.tolist() == [0, -1, 0]
-
-
 def test_zero_area_triangles_are_left_out():
     grid = grid_mesh(cells=8)
     start = len(grid.vertex)
@@ -133,14 +126,6 @@ def test_a_needle_whose_width_vanishes_beside_its_length_is_laid_out():
     assert np.isfinite(uv[chart >= 0]).all()
 
 
-def test_detail_in_a_large_object_is_unwrapped_as_by_itself():
-    spoon = moved(sphere_mesh(), (30.0, 20.0, 0.01), 0.01)
-    hall = join_meshes("Hall", quad_mesh(width_m=100, depth_m=100), spoon)
-    _, alone, *_ = check_promises(spoon)
-    _, together, *_ = check_promises(hall)
-    assert together.max() == alone.max() + 1
-
-
 def test_a_polygon_that_its_plane_lays_over_itself_is_laid_out_on_a_circle():
     """A ribbon of more than one turn, all of it one polygon: xatlas cuts it, and its plane does not part it."""
     angle = np.linspace(0.0, 2.6 * np.pi, 60)
@@ -151,14 +136,3 @@ def test_a_polygon_that_its_plane_lays_over_itself_is_laid_out_on_a_circle():
     chart, uv, _ = Unwrapping(vertex[tri], tri, one, tri, one).finish()
     assert chart.tolist() == one.tolist()
     assert overlaps_within_charts(chart, uv) == 0
-
-
-def test_overlaps_are_found_in_small_objects_beside_large_ones():
-    rng = np.random.default_rng(1)
-    polygons = [rng.choice(12, 3, replace=False).tolist() for _ in range(20)]
-    wild = Mesh("Wild", rng.normal(size=(12, 3)) * (1e-3, 1e-3, 0.0), polygons)
-    scene = make_scene([moved(SOUND["both sides"], scale=1e3), wild])
-    numbers = [scene.tri_object * 10_000 + values for values in (scene.tri_polygon, scene.tri_corner.T)]
-    chart, uv, _ = Unwrapping(scene.tri_position, scene.tri_vertex, numbers[0], numbers[1].T, scene.tri_object).finish()
-    small = (scene.tri_object == 1) & (chart >= 0)
-    assert overlaps_within_charts(chart[small] - chart[small].min(), uv[small]) == 0

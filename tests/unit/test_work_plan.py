@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import bake_folder, lamp_scene
-from leaflight.core.bake.work_plan import WorkPlan
 from leaflight.core.output.image_file import read_image
-from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Light, Material, TextureImage
 from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.util.messages import Status
@@ -23,25 +21,6 @@ def bake_scene(folder, scene, **knobs):
     messages, result = bake_folder(folder, scene, replace(QUICK, **knobs))
     stages = [message.stage for message in messages if isinstance(message, Status)]
     return result, list(dict.fromkeys(stages)), {file["pass_name"]: read_image(file["path"])[0] for file in result["files"]}
-
-
-@pytest.mark.parametrize(
-    ("scene", "passes", "direct", "needs"),
-    [
-        (GREY, ("combined",), "rays", WorkPlan(True, True, True)),
-        (GREY, ("albedo", "stderr"), "rays", WorkPlan(True, True, True)),
-        (GREY, ("direct",), "rays", WorkPlan(True, False, False)),
-        (GREY, ("direct", "albedo"), "photons", WorkPlan(True, False, True)),
-        (GREY, ("albedo", "emission"), "photons", WorkPlan(False, False, False)),
-        (BLACK, ("combined",), "rays", WorkPlan(True, False, False)),
-        (BLACK, ("combined",), "photons", WorkPlan(True, False, True)),
-    ],
-)
-def test_needs_follow_from_passes_and_surfaces(scene, passes, direct, needs):
-    settings = Settings(passes=passes, direct=direct)
-    found = WorkPlan.of(settings, SurfaceMaterials(scene))
-    assert found == needs
-    assert found.trim(settings) == (settings if needs.indirect else replace(settings, max_depth=1))
 
 
 def test_direct_light_alone_traces_no_photon_and_is_the_same(tmp_path):
