@@ -15,7 +15,6 @@ from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.texel_map import LOOK, TexelMap
 from leaflight.core.transport import traced_scene
-from leaflight.core.util.geometry import interpolate_corners
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, make_scene, quad_mesh
 from stats import Estimates
@@ -127,3 +126,8 @@ def state_errors(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, dir
     """(STATEMENTS, 2) float64: the error that each of some adaptive bakes states, and how far it is off."""
     bakes = [bake_adaptive(folder / str(seed), scene, irradiance, direct, seed=seed) for seed in range(STATEMENTS)]
     return np.array([(bake.light.error, bake.real_error()) for bake in bakes])
+
+
+def interpolate_corners(values: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(n, k): values at corners (n, 3, k), weighed by u (n,) for corner 1 and v (n,) for corner 2."""
+    return values[:, 0] * (1 - u - v)[:, None] + values[:, 1] * u[:, None] + values[:, 2] * v[:, None]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from leaflight.core.radiosity import basis, quadtree, tally
-from leaflight.core.radiosity.tree_view import TreeView
+from leaflight.core.radiosity.quadtree import TreeView
 from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels.texels import TexelMap, build_texel_map
 from leaflight.core.util.progress import Watch, unwatched

@@ -6,8 +6,9 @@ Their key is a digest of everything that they depend on, including the code. A f
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +25,12 @@ Charts: TypeAlias = tuple[Int64, Float64, BoolArray]  # results of Unwrapping.fi
 _ROW = np.dtype([("chart", np.int32), ("uv", np.float64, (3, 2)), ("shared", np.bool_, 3)])  # one triangle
 
 
-class Unfolding(Protocol):
-    """Pending charts of some objects, from xatlas (Unwrapping) or from the cache."""
+@dataclass(frozen=True)
+class PendingCharts:
+    """Charts of some objects, from xatlas or from the cache: finish(watch) as Unwrapping.finish; cancel() gives them up."""
 
-    def cancel(self) -> None:
-        """Give up the charts."""
-
-    def finish(self, watch: Callable[[int, int], None] = ...) -> Charts:
-        """The charts; see Unwrapping.finish."""
+    finish: Callable[[Callable[[int, int], None]], Charts]
+    cancel: Callable[[], None] = lambda: None
 
 
 def find_charts_file(job: Job) -> Path:
@@ -60,18 +59,27 @@ class ChartCache:
 
     def begin(
         self, tri_position: Float64, tri_vertex: IntArray, tri_polygon: IntArray, tri_corner: IntArray, tri_object: IntArray
-    ) -> Unfolding:
+    ) -> PendingCharts:
         """Begin to make the charts of some objects, unless they are known; arguments are as for Unwrapping."""
         # Labels start at numbers that depend on earlier objects, which has no effect on the charts.
         labels = [label - label.min(initial=label.max(initial=0)) for label in (tri_vertex, tri_polygon, tri_corner, tri_object)]
         arrays = [np.ascontiguousarray(tri_position), *(np.ascontiguousarray(label, np.int64) for label in labels)]
         key = hash_pieces([hash_code().encode(), *(array.reshape(-1).view(np.uint8).data for array in arrays)])
         rows = self._earlier.get(key)
-        if rows is None:
-            return _Asked(Unwrapping(tri_position, tri_vertex, tri_polygon, tri_corner, tri_object), self._own, key)
-        self._own[key] = rows
-        self.known += len(np.unique(tri_object))
-        return _Known(rows)
+        if rows is not None:
+            self._own[key] = rows
+            self.known += len(np.unique(tri_object))
+            charts = rows["chart"].astype(np.int64), rows["uv"].copy(), rows["shared"].copy()
+            return PendingCharts(lambda watch: charts)
+        unwrapping = Unwrapping(tri_position, tri_vertex, tri_polygon, tri_corner, tri_object)
+
+        def finish(watch: Callable[[int, int], None]) -> Charts:
+            charts = unwrapping.finish(watch)
+            self._own[key] = found = np.empty(len(charts[0]), _ROW)
+            found["chart"], found["uv"], found["shared"] = charts
+            return charts
+
+        return PendingCharts(finish, unwrapping.cancel)
 
     def save(self, file: Path, is_whole: bool = True) -> None:
         """Save the charts of the current bake.
@@ -90,27 +98,3 @@ def _is_sound(rows: NDArray[Any]) -> bool:
         return False
     chart = rows["chart"].astype(np.int64)
     return bool(np.isfinite(rows["uv"]).all() and (chart >= -1).all() and (chart < len(rows)).all())
-
-
-class _Known:
-    def __init__(self, rows: NDArray[np.void]) -> None:
-        self._rows = rows
-
-    def cancel(self) -> None:
-        pass
-
-    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> Charts:
-        return self._rows["chart"].astype(np.int64), self._rows["uv"].copy(), self._rows["shared"].copy()
-
-
-class _Asked:
-    def __init__(self, unwrapping: Unwrapping, own: dict[str, NDArray[np.void]], key: str) -> None:
-        self._unwrapping, self._own, self._key = unwrapping, own, key
-        self.cancel = unwrapping.cancel
-
-    def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> Charts:
-        charts = self._unwrapping.finish(watch)
-        rows = np.empty(len(charts[0]), _ROW)
-        rows["chart"], rows["uv"], rows["shared"] = charts
-        self._own[self._key] = rows
-        return charts

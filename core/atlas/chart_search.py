@@ -14,7 +14,7 @@ from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from ..util.messages import Status
 from ..util.progress import Watch, unwatched
-from .chart_cache import ChartCache, Unfolding
+from .chart_cache import ChartCache, PendingCharts
 from .layer_check import check_layer, label_charts
 from .outlines import Outlines, measure_outlines, straighten_charts
 from .sharing import Block, find_blocks, find_copies, follow_charts
@@ -94,7 +94,7 @@ class _Search:
         self._unwrapped: dict[int, tuple[Int64, Float64, BoolArray]] = {}  # charts by their owner
         owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
-        self._begun: deque[tuple[list[int], Unfolding]] = deque()  # owners of each request
+        self._begun: deque[tuple[list[int], PendingCharts]] = deque()  # owners of each request
         receiving = np.array([one.receives for one in snapshot.objects], bool)
         self._done = np.concatenate([[0], np.cumsum(np.diff(self._start) * receiving)])  # triangles before each object, and in total
         self._ahead = 0  # triangles of the begun objects

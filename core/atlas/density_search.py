@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, shape_charts
-from .page_plan import FILLED_SHARE, find_gap
+from .page_plan import FILLED_SHARE, find_gap, solve_density
 
 _PRECISION = 1.01  # ratio of densities at which the search stops
 _STEP_UP, _STEP_DOWN = 1.08, 0.92  # steps without a prediction
@@ -113,12 +113,6 @@ def _share_of_boxes(outlines: Outlines, tried: _Try) -> float:
 
 def _guess_density(outlines: Outlines, page: Page, share: float) -> float:
     """The density at which _share_of_boxes is `share`; 0 if the padding alone takes as much."""
-    gap = find_gap(page)
-    square = float(outlines.extent.prod(axis=1).sum())
-    linear = gap * float(outlines.extent.sum())
-    constant = len(outlines.extent) * gap**2 - share * (page.inside + page.padding) ** 2
-    if constant >= 0:
-        return 0.0
-    # The stable root: the square term vanishes for lines of charts.
-    divisor = linear + (linear**2 - 4.0 * square * constant) ** 0.5
-    return float(-2.0 * constant / divisor) if divisor > 0.0 else math.inf  # charts without extent take padding alone
+    texels = share * (page.inside + page.padding) ** 2
+    box, extent = float(outlines.extent.prod(axis=1).sum()), float(outlines.extent.sum())
+    return solve_density(len(outlines.extent), box, extent, texels, page)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..scene.topology import join_sets, pair_corners
 from ..util.arrays import BoolArray, Float64, Int32, Int64, IntArray
-from ..util.row_spans import find_row_spans
+from ..util.coverage import find_row_spans
 
 _SAME_UV = 1e-5  # pages; UVs nearer than this are one point, since rounding to float32 may have moved them
 _PAGE_TOLERANCE = 1e-5  # pages; rounding may move a UV this far off its page

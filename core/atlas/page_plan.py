@@ -52,12 +52,7 @@ class ChartDemand:
 
     def find_density(self, pages: float, page: Page) -> float:
         """Density in texels/m at which all charts fill `pages`; 0 if the gaps alone fill them."""
-        gap = find_gap(page)
-        square, linear = float(self.box_m2.sum()), gap * float(self.extent_m.sum())
-        constant = float(self.count.sum()) * gap**2 - pages * _room(page)
-        if constant >= 0.0:
-            return 0.0
-        return -2.0 * constant / (linear + math.sqrt(linear**2 - 4.0 * square * constant))  # the stable root, since `square` may vanish
+        return solve_density(float(self.count.sum()), float(self.box_m2.sum()), float(self.extent_m.sum()), pages * _room(page), page)
 
     def find_least_density(self, page: Page) -> float:
         """Density in texels/m at which the charts are as wide as their gaps, in the mean."""
@@ -87,6 +82,19 @@ def count_usual_texels(page: Page) -> float:
 def find_gap(page: Page) -> float:
     """Texels by which a chart's box is longer on a page, in the mean."""
     return page.padding + 0.5
+
+
+def solve_density(count: float, box_m2: float, extent_m: float, texels: float, page: Page) -> float:
+    """Density in texels/m at which charts with their gaps take so many texels, see C(d) above; 0 if the gaps alone take them.
+
+    count, box_m2, extent_m   totals as in ChartDemand
+    """
+    gap = find_gap(page)
+    linear, constant = gap * extent_m, count * gap**2 - texels
+    if constant >= 0.0:
+        return 0.0
+    divisor = linear + math.sqrt(linear**2 - 4.0 * box_m2 * constant)  # of the stable root, since box_m2 may vanish
+    return -2.0 * constant / divisor if divisor > 0.0 else math.inf  # charts without extent take gaps alone
 
 
 def is_one_enough(chart_m2: float, density: float, least: float) -> bool:

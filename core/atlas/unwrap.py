@@ -11,7 +11,7 @@ from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .chart_borders import find_plain_charts
 from .layer_check import find_overlaps, label_charts, signed_areas
-from .unwrap_question import Question, project, sum_by
+from .xatlas_requests import XatlasRequests, project, sum_by
 
 _LEAST_STRETCH = 1e-3  # least UV area over area in space; a triangle with less is unfolded on its own
 
@@ -35,7 +35,7 @@ class Unwrapping:
         # In an enormous object, centring rounds small triangles to points, which cannot be laid out.
         self._area = np.where(triangle_normals_areas(self._position)[1] > 0, area, 0.0)
         self._solid = solid = np.flatnonzero(self._area > 0)
-        self._asked = Question(
+        self._asked = XatlasRequests(
             self._position[solid], self._normal[solid], self._area[solid], tri_vertex[solid], tri_polygon[solid], tri_object[solid]
         )
 

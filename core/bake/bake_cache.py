@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.identity import hash_bake
 from ..scene.scene import SceneSnapshot
+from ..scene.snapshot import hash_bake
 from ..util.digest import hash_file
 from ..util.file_names import clean_name
 from ..util.files import load_arrays, parse_json, save_whole

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from ..parallel import shared_arrays
 from ..radiosity.deposit_worth import Guiding
-from ..radiosity.quadtree import Quadtree
-from ..radiosity.tree_view import TreeView
+from ..radiosity.quadtree import Quadtree, TreeView
 from . import photon_shards
 from .photon_shards import PhotonResult, PhotonShard
 

@@ -13,8 +13,8 @@ from ..parallel import shared_arrays
 from ..parallel.folders import keep_view_open
 from ..radiosity.cell_tally import CellFlux
 from ..radiosity.deposit_worth import Guiding, weigh_groups
+from ..radiosity.quadtree import TreeView
 from ..radiosity.tally import ShardTally, deposit
-from ..radiosity.tree_view import TreeView
 from ..transport import photons
 from ..transport.emission_cells import BirthCells
 from ..transport.emission_guide import BirthTally

@@ -26,7 +26,6 @@ from ..lights.direct_points import (
     light_points,
     random_shift,
 )
-from ..lights.emitters import rotate_to
 from ..lights.stratified_choice import Demand, Span, gather_until_sure
 from ..scene.coincident_faces import CoincidentFaces
 from ..scene.materials import SurfaceMaterials
@@ -40,7 +39,7 @@ from ..transport.passing import Passing
 from ..transport.refraction import follow_glass
 from ..util.ablation import uses
 from ..util.arrays import Float32, Float64, IntArray
-from ..util.geometry import offset_origin, take_rows
+from ..util.geometry import offset_origin, rotate_to, take_rows
 from ..util.sampling import square_to_cosine_hemisphere
 from .direct import DirectScene
 from .hit_light import HitLight

@@ -15,10 +15,10 @@ import numpy as np
 
 from ..lights.direct_lights import INFINITE, Aim, Source
 from ..lights.direct_points import Receivers
-from ..lights.emitters import rotate_to
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..util.arrays import Float32, Float64, IntArray
 from ..util.brightness import weigh_channels
+from ..util.geometry import rotate_to
 from ..util.sampling import square_to_cosine_hemisphere
 from .direct import DirectScene
 

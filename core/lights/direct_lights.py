@@ -15,10 +15,10 @@ import numpy as np
 
 from ..scene.scene import Light, SceneSnapshot
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
-from ..util.geometry import ORIGIN_OFFSET, UnitBox, dot_rows, take_rows, triangle_normals_areas
-from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
+from ..util.geometry import ORIGIN_OFFSET, UnitBox, dot_rows, rotate_to, take_rows, triangle_normals_areas
+from ..util.sampling import directions_from_height, square_to_cosine_hemisphere, square_to_uniform_disk, square_to_uniform_triangle
 from ..util.sphere_map import find_cells
-from .emitters import rotate_to, usable_power, usable_world
+from .emitters import usable_power, usable_world
 from .emitting_cells import EmittingCells
 from .irradiance import ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
 from .lights import LAMBERTIAN_SPREAD_RAD, SMALLEST_SIDE, SpotCone, spot_attenuation, spread_attenuation
@@ -82,13 +82,6 @@ def _combine(u: FloatArray, x_axis: Float32, y_axis: Float32) -> Float32:
     return (u[:, 0] * x_axis.T + u[:, 1] * y_axis.T).T
 
 
-def _uniform_cone(u: Float32, drop: Float32) -> Float32:
-    """(n, 3): sampling.square_to_uniform_cone for a cone per ray, of 1 - cosine `drop`."""
-    height, phi = u[:, 0] * drop, np.float32(2 * math.pi) * u[:, 1]
-    across = np.sqrt(height * (2 - height))
-    return np.stack([across * np.cos(phi), across * np.sin(phi), 1 - height], axis=1)
-
-
 @dataclass(frozen=True)
 class PointSource(Source):
     """POINT and SPOT; rgb in W/sr times the unit box's scale squared, so that its lengths serve.
@@ -138,7 +131,7 @@ class PointSource(Source):
         radius_squared = self.radius**2
         covered = np.minimum(radius_squared / length**2, 1)
         drop = covered / (1 + np.sqrt(1 - covered))  # 1 - cos without its cancellation
-        direction = rotate_to(_uniform_cone(u, drop), axis)
+        direction = rotate_to(directions_from_height(u[:, 0] * drop, u[:, 1]), axis)
         inside = length <= self.radius
         direction = np.where(inside[:, None], rotate_to(square_to_cosine_hemisphere(u), normal), direction)
         along = dot_rows(direction, axis) * length
@@ -240,7 +233,7 @@ class SunSource(Source):
         return sun_irradiance(dot_rows(normal, self.z_axis), self.half_angle_rad)
 
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
-        local = _uniform_cone(u, 2 * np.sin(self.half_angle_rad / 2) ** 2)
+        local = directions_from_height(u[:, 0] * (2 * np.sin(self.half_angle_rad / 2) ** 2), u[:, 1])
         direction = local[:, 2:] * self.z_axis - local[:, :1] * self.x_axis - local[:, 1:2] * self.y_axis
         # A disk of radiance 1 / (pi sin^2) over 2 pi (1 - cos) steradians.
         share = np.maximum(dot_rows(direction, normal), 0) * (2 / (1 + np.cos(self.half_angle_rad)))

@@ -15,8 +15,8 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.scene import RAY_KINDS, Light, SceneSnapshot
 from ..scene.scene_cover import SceneCover
 from ..scene.sealed_solids import find_sealed
-from ..util.arrays import BoolArray, Float32, Float64, FloatArray
-from ..util.geometry import UnitBox, locate_hits, offset_origin, orthonormal_basis, stack_columns, triangle_frames, triangle_normals_areas
+from ..util.arrays import BoolArray, Float32, Float64
+from ..util.geometry import UnitBox, locate_hits, offset_origin, rotate_to, stack_columns, triangle_frames, triangle_normals_areas
 from ..util.sampling import AliasTable, square_to_cosine_hemisphere
 from .emitting_cells import EmittingCells, find_emitting_cells
 from .environment import Environment, EnvironmentEmitter
@@ -111,15 +111,6 @@ class WorldEmitter:
         local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - at_low, u[:, 3]))
         inward = (2 * at_low * across - across).T
         return make_births(self.cover.place(across, 1 - at_low, rest, u[:, 1]), rotate_to(local, inward))
-
-
-def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
-    """Directions (n, 3) around +Z, rotated to be around unit normals (n, 3)."""
-    tangent, bitangent = orthonormal_basis(normal)
-    out: FloatArray = tangent * local[:, :1]
-    out += bitangent * local[:, 1:2]
-    out += normal * local[:, 2:]
-    return out
 
 
 def build_emitters(

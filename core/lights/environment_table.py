@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ..util.arrays import Float32, Float64, FloatArray, Int64
-from ..util.sphere_map import LineTable, find_cells, find_middles, find_solid_angles, place_in_cells
+from ..util.sphere_map import LineTable, find_middles, find_solid_angles, place_in_cells
 from .environment import Environment
 
 _PATCH_ROWS, _PATCH_COLUMNS = 32, 64  # patches of the map
@@ -145,14 +145,6 @@ class EnvironmentTable:
         of_patch = self.power[patch] * find_solid_angles(height, width)[row]
         density = self.environment.cell_power.ravel()[cell] / np.maximum(of_patch, 1e-300)
         return place_in_cells(self._shape, cell, along, up), cell, density
-
-    def pdf(self, chance: FloatArray, direction: FloatArray) -> Float64:
-        """(n,) float64, per steradian: pdf of unit directions (n, 3) if patches have the probabilities chance (n_patch,)."""
-        height, width = self._shape
-        cell = find_cells(self._shape, direction)
-        patch = self._patch_of_cell[cell]
-        of_cell = self.environment.cell_power.ravel()[cell] / np.maximum(self.power[patch], 1e-300)
-        return chance[patch] * of_cell / find_solid_angles(height, width)[cell // width]
 
     def rate_by_normals(self, normal: FloatArray) -> Float64:
         """(n_group, n_patch) float64: approximate irradiance from each patch, averaged over a group of normals (n_group, k, 3)."""

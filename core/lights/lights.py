@@ -13,7 +13,7 @@ from ..scene.scene import Light
 from ..scene.scene_cover import SceneCover
 from ..util.arrays import Float32, Float64, FloatArray
 from ..util.geometry import UnitBox, combine_vectors, orthonormal_basis, stack_columns
-from ..util.sampling import square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
+from ..util.sampling import directions_from_height, square_to_cosine_hemisphere, square_to_uniform_cone, square_to_uniform_disk
 from ..util.sphere_map import CellTable, find_solid_angles
 
 SMALLEST_SIDE = 1e-6  # unit box; least side of an area light
@@ -155,9 +155,7 @@ class PointEmitter:
     def choose_direction(self, u: Float32) -> Float32:
         """(n, 3), unit, for numbers (n, 2)."""
         drop = sample_spot_drop(u[:, 0], self.drop, self.blend)
-        across = np.sqrt(np.maximum(drop * (2 - drop), 0))
-        phi = np.float32(2 * math.pi) * u[:, 1]
-        return turn(stack_columns(across * np.cos(phi), across * np.sin(phi), 1 - drop), self.axes)
+        return turn(directions_from_height(drop, u[:, 1]), self.axes)
 
     def emit(self, u: Float32) -> Births:
         direction = self.choose_direction(u[:, :2])

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import multiprocessing
 import os
+import pickle
+import select
+import signal
 import sys
 import tempfile
 import threading
@@ -13,13 +17,68 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import Any, TypeVar
 
 from ..util.settings import Settings
 from ..util.threads import count_usable, is_alone
-from . import worker_process
 
 T = TypeVar("T")
+
+# Greatest result that a pipe takes atomically, together with what a pool adds. Source: POSIX, write() of {PIPE_BUF} bytes
+_AT_ONCE = getattr(select, "PIPE_BUF", 512) - 256
+
+
+def start_process(load_ahead: Callable[[], None]) -> None:
+    """Set up the process before its first call; `load_ahead` loads what calls will need."""
+    atexit.register(os._exit, 0)  # skips the interpreter's shutdown, which would take time; the system frees everything
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the main process decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork inherits the main process's handler
+    load_ahead()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Exit with the main process: if that is killed, it cannot announce the end of work, and its workers would wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()  # forks hold the pipes of earlier ones open, so they end in reverse order
+        os._exit(1)
+
+
+def time_call(run: Callable[[], T]) -> tuple[T, float, float]:
+    """The result of `run`, its wall seconds, and the CPU seconds of this process meanwhile."""
+    begin, cpu_begin = time.perf_counter(), time.process_time()
+    result = run()
+    return result, time.perf_counter() - begin, time.process_time() - cpu_begin
+
+
+def keep_result(run: Callable[[], Any], folder: str) -> bytes | str:
+    """The pickled result of `run`; or, if a pipe would not take it atomically, the name of a file with it.
+
+    If a process were killed while it writes to the pipe, the main process would wait for the rest for ever, since it holds the pipe open
+    itself. And a full pipe would block this process until the main one, which also traces, reads it.
+    """
+    result = pickle.dumps(run(), pickle.HIGHEST_PROTOCOL)
+    if len(result) <= _AT_ONCE:
+        return result
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+            file.write(result)
+    except OSError:  # the disk is full
+        return result
+    return file.name
+
+
+def fetch_result(kept: bytes | str) -> Any:
+    """The result of keep_result; its file is removed."""
+    if isinstance(kept, bytes):
+        return pickle.loads(kept)
+    file = Path(kept)
+    result = file.read_bytes()
+    file.unlink()
+    return pickle.loads(result)
+
 
 _MOST_PER_CORE = 4  # greatest number of processes per core: more slow each other down, and a thousand would stop the machine
 _MOST_ON_WINDOWS = 61  # processes of a pool, which waits for all at once. Source: WaitForMultipleObjects, less two handles of its own
@@ -42,7 +101,7 @@ class BusyTime:
 
     def run(self, run: Callable[[], T]) -> T:
         """Run a call, add its time, and return its result."""
-        result, seconds, _ = worker_process.time_call(run)
+        result, seconds, _ = time_call(run)
         self.add(run, seconds)
         return result
 
@@ -240,7 +299,7 @@ class LocalExecutor(Executor):
         self.busy = BusyTime()
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
         self.most_ahead = 2 * (self._others + 1)
-        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=worker_process.start, initargs=(load_ahead,))
+        self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=start_process, initargs=(load_ahead,))
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # guards _ready and _given
         self.is_awake = self._closed = False  # awake: the other processes are starting, or have started
@@ -349,7 +408,7 @@ class LocalExecutor(Executor):
     def _send(self, call: _Call, receive: Callable[[_Call, Future[bytes | str]], None]) -> bool:
         """Send the call to another process, `receive` its result; returns whether that succeeded."""
         try:
-            sent = self._pool.submit(worker_process.keep_result, partial(worker_process.time_call, call.run), self._results.name)
+            sent = self._pool.submit(keep_result, partial(time_call, call.run), self._results.name)
             sent.add_done_callback(partial(receive, call))
         except RuntimeError as error:  # a process was killed, or all were ended
             call.set_exception(error)
@@ -372,7 +431,7 @@ class LocalExecutor(Executor):
         _settle(call, lambda: self._unpack(call, sent))
 
     def _unpack(self, call: _Call, sent: Future[bytes | str]) -> Any:
-        result, *seconds = worker_process.fetch_result(sent.result())
+        result, *seconds = fetch_result(sent.result())
         self.busy.add(call.run, *seconds)
         return result
 

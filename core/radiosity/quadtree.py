@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..texels.texel_map import TexelMap
-from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
 from . import basis
 
 _CHUNK = 1 << 16  # texel entries at a time
@@ -276,3 +276,44 @@ def mean_in_nodes(tree: Quadtree, per_texel: Float32) -> Float64:
         total = np.append(0.0, np.cumsum(np.concatenate([np.zeros(0), *sums])))
         channel[:] = (total[last] - total[first]) / (tree.end - tree.start)
     return out
+
+
+@dataclass(frozen=True)
+class TreeView:
+    """The part of a tree that a tracing process needs to deposit its hits: the deepest nodes, and the squares of subtexel_tally.
+
+    node           (n_texel,) int32: deepest node at each texel entry
+    centre         (n_node, 2) float32, page texels
+    inverse_half   (n_node,) float32, 1/texel
+    square_entry   (k,) int32, ascending: texel entries whose squares have a tally of their own
+    """
+
+    node: Int32
+    centre: Float32
+    inverse_half: Float32
+    square_entry: Int32
+
+    @classmethod
+    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: Int32, room: Room = IN_MEMORY) -> TreeView:
+        half = tree.side / 2.0
+        deepest = np.flatnonzero(~tree.has_children)
+        centre = (tree.origin + half[:, None]).astype(np.float32)
+        return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32), square_entry)
+
+    def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[Int32, FloatArray, FloatArray]:
+        """The deepest node at each hit, and the hit in its coordinates s, t.
+
+        entry   (m,) int, texel entries, none of them -1;  x, y   (m,) float, page texels
+        """
+        node = self.node.take(entry, mode="wrap")
+        inverse_half = self.inverse_half.take(node, mode="wrap")
+        # A texel at the node's edge may extend over half of the next one, see split_texels; beyond that the polynomial is not extrapolated.
+        most = 1.0 + 0.5 * inverse_half
+        least, places = -most, []
+        for axis, at in enumerate((x, y)):
+            place = at - self.centre[:, axis].take(node, mode="wrap")
+            place *= inverse_half
+            np.minimum(place, most, out=place)
+            places.append(np.maximum(place, least, out=place))
+        s, t = places
+        return node, s, t

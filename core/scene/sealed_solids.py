@@ -13,9 +13,8 @@ import numpy as np
 from ..util.ablation import uses
 from ..util.arrays import BoolArray, Float64, IntArray
 from ..util.geometry import triangle_normals_areas
-from .loose_parts import find_loose_parts
 from .scene import SceneSnapshot
-from .topology import join_open_sides
+from .topology import find_loose_parts, join_open_sides
 
 _TOLERANCE = 1e-5  # of a solid's extent; points nearer than this to a face's plane lie on it
 _MOST_WORK = 1 << 28  # heights over planes to compute, about a second; further solids count as open

@@ -6,14 +6,18 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util import ablation
 from ..util.arrays import Float32
+from ..util.digest import hash_code, hash_pieces
 from ..util.files import write_arrays
+from ..util.job import Job
 from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
@@ -155,3 +159,15 @@ def _frozen(value: Any) -> Any:
 
 def _image_key(index: int) -> str:
     return f"{_IMAGE}{index}"
+
+
+def hash_bake(snapshot: SceneSnapshot, job: Job) -> str:
+    """Digest of the scene, the code and the settings that decide the images of a bake."""
+    knobs = {knob.name: getattr(job.settings, knob.name) for knob in fields(job.settings) if knob.metadata["decides_images"]}
+    pieces: list[bytes | memoryview] = [
+        hash_code().encode(),
+        json.dumps([knobs, ablation.list_without(), job.atlas_name, job.taken, describe_snapshot(snapshot)]).encode(),
+    ]
+    for name, array in list_arrays(snapshot).items():
+        pieces += [f"{name} {array.dtype.str} {array.shape}".encode(), np.ascontiguousarray(array).reshape(-1).view(np.uint8).data]
+    return hash_pieces(pieces)

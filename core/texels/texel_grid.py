@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..util.arrays import FloatArray, Int32, Int64, IntArray
+from ..util.coverage import RowSpans
 from ..util.progress import Say
-from ..util.row_spans import RowSpans
 
 _NEIGHBOURS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1))  # the nearest first
 _BORDER = 2  # texels around a chart whose hits still find it; rounding needs one

@@ -14,11 +14,19 @@ from ..atlas.layer_check import signed_areas
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..scene.scene import SceneSnapshot
 from ..util.arrays import Float64, Int32, Int64
-from ..util.coverage import as_slice, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from ..util.coverage import (
+    RowSpans,
+    as_slice,
+    chunk_ranges,
+    clip_to_texels,
+    expand_ranges,
+    find_row_spans,
+    monomial_exponents,
+    piece_moments,
+)
 from ..util.geometry import gather
 from ..util.messages import Status
 from ..util.progress import Say, Watch, stretch, unwatched
-from ..util.row_spans import RowSpans, find_row_spans
 from .texel_grid import TexelGrid, build_grid, fill_border, part_bits
 from .texel_map import TexelMap
 

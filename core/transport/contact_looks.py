@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.loose_parts import LooseParts
 from ..scene.rays import RayScene
+from ..scene.topology import LooseParts
 from ..texels import contact
 from ..texels.split_texels import WAYS
 from ..texels.texel_map import TexelMap

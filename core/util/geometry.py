@@ -77,16 +77,6 @@ def triangle_normals_areas(corners: FloatArray) -> tuple[Float64, Float64]:
     return normal, np.where(solid, 0.5 * double_area, 0.0)
 
 
-def interpolate_corners(values: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Values at barycentric coordinates: u weighs corner 1, v corner 2.
-
-    values   (n, 3, k) float, one row per corner
-    u, v     (n,) float
-    out      (n, k) float
-    """
-    return values[:, 0] * (1 - u - v)[:, None] + values[:, 1] * u[:, None] + values[:, 2] * v[:, None]
-
-
 def orthonormal_basis(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tangent and bitangent that form right-handed frames with unit normals, without branches.
 
@@ -100,6 +90,15 @@ def orthonormal_basis(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     b = x * y * a
     tangent = stack_columns(1.0 + sign * x * x * a, sign * b, -sign * x)
     return tangent, stack_columns(b, sign + y * y * a, -y)
+
+
+def rotate_to(local: FloatArray, normal: FloatArray) -> FloatArray:
+    """Directions (n, 3) around +Z, rotated to be around unit normals (n, 3)."""
+    tangent, bitangent = orthonormal_basis(normal)
+    out: FloatArray = tangent * local[:, :1]
+    out += bitangent * local[:, 1:2]
+    out += normal * local[:, 2:]
+    return out
 
 
 def offset_origin(position: FloatArray, normal: FloatArray) -> FloatArray:

@@ -172,7 +172,7 @@ def square_to_uniform_sphere(u: FloatArray) -> FloatArray:
     out   (n, 3) float, unit
     Source: Archimedes; z is uniform.
     """
-    return _from_height(2 * u[:, 0], u[:, 1])
+    return directions_from_height(2 * u[:, 0], u[:, 1])
 
 
 def uniform_sphere_pdf() -> float:
@@ -186,7 +186,7 @@ def square_to_uniform_cone(u: FloatArray, half_angle_rad: float) -> FloatArray:
     u     (n, 2) float, uniform in [0, 1)
     out   (n, 3) float, unit
     """
-    return _from_height(u[:, 0] * _one_minus_cosine(half_angle_rad), u[:, 1])
+    return directions_from_height(u[:, 0] * _one_minus_cosine(half_angle_rad), u[:, 1])
 
 
 def uniform_cone_pdf(half_angle_rad: float) -> float:
@@ -198,9 +198,9 @@ def _one_minus_cosine(angle_rad: float) -> float:
     return 2 * math.sin(angle_rad / 2) ** 2
 
 
-def _from_height(drop: FloatArray, turn: FloatArray) -> FloatArray:
-    """Unit directions with z = 1 - drop, `turn` of the way around +Z."""
-    radius = np.sqrt(drop * (2 - drop))
+def directions_from_height(drop: FloatArray, turn: FloatArray) -> FloatArray:
+    """(n, 3): unit directions with z = 1 - drop (n,), `turn` (n,) of the way around +Z; uniform per steradian if both are uniform."""
+    radius = np.sqrt(np.maximum(drop * (2 - drop), 0))
     phi = 2 * math.pi * turn
     return stack_columns(radius * np.cos(phi), radius * np.sin(phi), 1 - drop)
 

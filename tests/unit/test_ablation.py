@@ -11,9 +11,8 @@ from boxes import lamp_scene
 from leaflight.core.bake import bake
 from leaflight.core.bake.in_memory import solve_scene
 from leaflight.core.output.image_file import read_image
-from leaflight.core.scene.identity import hash_bake
 from leaflight.core.scene.scene import Light, Material
-from leaflight.core.scene.snapshot import save_snapshot
+from leaflight.core.scene.snapshot import hash_bake, save_snapshot
 from leaflight.core.util import ablation
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings

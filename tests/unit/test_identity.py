@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from boxes import lamp_scene
-from leaflight.core.scene import identity
+from leaflight.core.scene import snapshot
 from leaflight.core.scene.scene import Material, TextureImage
-from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
+from leaflight.core.scene.snapshot import hash_bake, load_snapshot, save_snapshot
 from leaflight.core.util import digest
 from leaflight.core.util.job import Job
 from leaflight.core.util.settings import Settings
@@ -37,13 +37,13 @@ def other_value(knob):
 
 def test_a_saved_snapshot_has_the_digest_of_the_one_in_memory(tmp_path):
     save_snapshot(tmp_path / "scene", SCENE)
-    assert identity.hash_bake(load_snapshot(tmp_path / "scene"), JOB) == identity.hash_bake(SCENE, JOB)
+    assert hash_bake(load_snapshot(tmp_path / "scene"), JOB) == hash_bake(SCENE, JOB)
 
 
 @pytest.mark.parametrize("knob", dataclasses.fields(Settings), ids=lambda knob: knob.name)
 def test_a_knob_counts_when_it_decides_the_images(knob):
     changed = replace(JOB, settings=replace(JOB.settings, **{knob.name: other_value(knob)}))
-    same = identity.hash_bake(SCENE, changed) == identity.hash_bake(SCENE, JOB)
+    same = hash_bake(SCENE, changed) == hash_bake(SCENE, JOB)
     assert same == (knob.name in ("workers", "cluster", "force", "pack"))
 
 
@@ -54,7 +54,7 @@ ARRAYS = [field.name for field in dataclasses.fields(SCENE) if isinstance(getatt
 def test_each_array_counts(name):
     changed = getattr(SCENE, name).copy()
     changed.flat[0] = 1 - changed.flat[0]
-    assert identity.hash_bake(replace(SCENE, **{name: changed}), JOB) != identity.hash_bake(SCENE, JOB)
+    assert hash_bake(replace(SCENE, **{name: changed}), JOB) != hash_bake(SCENE, JOB)
 
 
 @pytest.mark.parametrize(
@@ -70,18 +70,18 @@ def test_each_array_counts(name):
     ],
 )
 def test_the_rest_of_the_scene_counts(change):
-    assert identity.hash_bake(replace(SCENE, **change), JOB) != identity.hash_bake(SCENE, JOB)
+    assert hash_bake(replace(SCENE, **change), JOB) != hash_bake(SCENE, JOB)
 
 
 def test_the_name_counts_and_the_folder_does_not():
-    assert identity.hash_bake(SCENE, replace(JOB, atlas_name="hall")) != identity.hash_bake(SCENE, JOB)
-    assert identity.hash_bake(SCENE, replace(JOB, output="elsewhere")) == identity.hash_bake(SCENE, JOB)
+    assert hash_bake(SCENE, replace(JOB, atlas_name="hall")) != hash_bake(SCENE, JOB)
+    assert hash_bake(SCENE, replace(JOB, output="elsewhere")) == hash_bake(SCENE, JOB)
 
 
 def test_the_code_counts(monkeypatch):
-    before = identity.hash_bake(SCENE, JOB)
-    monkeypatch.setattr(identity, "hash_code", lambda: "another version")
-    assert identity.hash_bake(SCENE, JOB) != before
+    before = hash_bake(SCENE, JOB)
+    monkeypatch.setattr(snapshot, "hash_code", lambda: "another version")
+    assert hash_bake(SCENE, JOB) != before
 
 
 def test_digest_of_the_code_is_of_every_core_module(tmp_path, monkeypatch):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from leaflight.core.scene.loose_parts import find_loose_parts
+from leaflight.core.scene.topology import find_loose_parts
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 

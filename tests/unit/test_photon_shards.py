@@ -9,7 +9,7 @@ from leaflight.core.bake import photon_shards
 from leaflight.core.bake.photon_shards import PhotonShard, trace_photons
 from leaflight.core.parallel import shared_arrays
 from leaflight.core.radiosity.deposit_worth import Guiding
-from leaflight.core.radiosity.tree_view import TreeView
+from leaflight.core.radiosity.quadtree import TreeView
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport import traced_scene
 from leaflight.core.transport.emission_cells import BirthCells

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from known_light import interpolate_corners
 from leaflight.core.scene import rays
 from leaflight.core.util import geometry, sampling
 
@@ -36,7 +37,7 @@ def _sphere(n: int) -> np.ndarray:
 def test_u_weighs_corner_1_and_v_corner_2():
     weights = sampling.square_to_uniform_triangle(np.random.default_rng(1).random((100, 2), np.float32))
     tilted = np.array([[[0.1, 0.2, 0], [0.4, -0.1, 0.2], [-0.3, 0.3, -0.1]]], np.float32)
-    target = geometry.interpolate_corners(np.repeat(tilted, 100, axis=0), weights[:, 0], weights[:, 1])
+    target = interpolate_corners(np.repeat(tilted, 100, axis=0), weights[:, 0], weights[:, 1])
     origin = np.tile(np.float32([[0, 0, 0.5]]), (100, 1))
     hits = rays.RayScene(tilted).closest(origin, target - origin)
     assert hits.tri.dtype == np.int32
@@ -142,7 +143,7 @@ def _count_self_hits(corners, offset, n):
     phi, height = 2 * np.pi * rng.random((n, 1), np.float32), (10 ** -rng.uniform(0, 5, (n, 1))).astype(np.float32)
     across = np.sqrt(1 - height**2)
     direction = across * np.cos(phi) * tangent + across * np.sin(phi) * bitangent + height * normal
-    landed = geometry.interpolate_corners(corners[first.tri], first.u, first.v)
+    landed = interpolate_corners(corners[first.tri], first.u, first.v)
     return int((scene.closest(landed + np.float32(offset) * normal, direction).tri == first.tri).sum())
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 from leaflight.addon.app import boot
-from leaflight.core.parallel import worker_process
+from leaflight.core.parallel import executors
 from processes import is_alive, wait_for_end
 
 # A main process of one thread, with a copy of it, which is asked for some lines of Python. Numpy would start threads of its own.
@@ -28,15 +28,15 @@ needs_copies = pytest.mark.skipif(sys.platform != "linux", reason="processes are
 
 
 def test_large_results_come_by_files_that_are_taken_away(tmp_path):
-    kept = worker_process.keep_result(partial(range, 10), str(tmp_path))
+    kept = executors.keep_result(partial(range, 10), str(tmp_path))
     assert isinstance(kept, bytes)
-    assert worker_process.fetch_result(kept) == range(10)
-    much = worker_process.keep_result(partial(bytes, 1 << 20), str(tmp_path))
+    assert executors.fetch_result(kept) == range(10)
+    much = executors.keep_result(partial(bytes, 1 << 20), str(tmp_path))
     assert isinstance(much, str)
-    assert worker_process.fetch_result(much) == bytes(1 << 20)
+    assert executors.fetch_result(much) == bytes(1 << 20)
     assert not list(tmp_path.iterdir())
-    full = worker_process.keep_result(partial(bytes, 1 << 20), str(tmp_path / "nowhere"))  # as where there is no room
-    assert worker_process.fetch_result(full) == bytes(1 << 20)
+    full = executors.keep_result(partial(bytes, 1 << 20), str(tmp_path / "nowhere"))  # as where there is no room
+    assert executors.fetch_result(full) == bytes(1 << 20)
 
 
 def run_main(lines: str, count: int = 2) -> subprocess.Popen[str]:

@@ -4,9 +4,9 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
-from leaflight.core.atlas import unwrap_question
+from leaflight.core.atlas import xatlas_requests
 from leaflight.core.atlas.unfolding import UnfolderDied
-from leaflight.core.atlas.unwrap_question import Question
+from leaflight.core.atlas.xatlas_requests import XatlasRequests
 from leaflight.core.util.geometry import triangle_normals_areas
 from scenes import Mesh, box_mesh, grid_mesh, make_scene
 
@@ -14,20 +14,20 @@ from scenes import Mesh, box_mesh, grid_mesh, make_scene
 @pytest.fixture
 def asked(monkeypatch):
     """Of how many pieces each question was, and whether they are dense."""
-    real, written = unwrap_question.unfold_meshes, []
+    real, written = xatlas_requests.unfold_meshes, []
 
     def unfold(meshes, area, dense):
         written.append((len(meshes), dense))
         return real(meshes, area, dense)
 
-    monkeypatch.setattr(unwrap_question, "unfold_meshes", unfold)
+    monkeypatch.setattr(xatlas_requests, "unfold_meshes", unfold)
     return written
 
 
 def ask(*meshes):
     scene = make_scene([Mesh("One", np.concatenate([mesh.vertex for mesh in meshes]), join_polygons(meshes))])
     normal, area = triangle_normals_areas(scene.tri_position)
-    return Question(scene.tri_position, normal, area, scene.tri_vertex, scene.tri_polygon, scene.tri_object)
+    return XatlasRequests(scene.tri_position, normal, area, scene.tri_vertex, scene.tri_polygon, scene.tri_object)
 
 
 def join_polygons(meshes):
@@ -48,13 +48,13 @@ def ask_apart(*meshes):
     scene = make_scene(meshes)
     normal, area = triangle_normals_areas(scene.tri_position)
     polygon = scene.tri_object * 1000 + scene.tri_polygon
-    return Question(scene.tri_position, normal, area, scene.tri_vertex, polygon, scene.tri_object)
+    return XatlasRequests(scene.tri_position, normal, area, scene.tri_vertex, polygon, scene.tri_object)
 
 
 @pytest.mark.parametrize("cursed", [1, None])
 def test_of_objects_that_xatlas_crashes_on_together_the_one_is_told(monkeypatch, cursed):
     """The second has two triangles fewer than the others."""
-    real = unwrap_question.unfold_meshes
+    real = xatlas_requests.unfold_meshes
 
     def unfold(meshes, area, dense):
         crashes = len(meshes) > 1 or (cursed and len(meshes[0][1]) == 10)
@@ -64,7 +64,7 @@ def test_of_objects_that_xatlas_crashes_on_together_the_one_is_told(monkeypatch,
         answer.set_exception(UnfolderDied(-11))
         return answer
 
-    monkeypatch.setattr(unwrap_question, "unfold_meshes", unfold)
+    monkeypatch.setattr(xatlas_requests, "unfold_meshes", unfold)
     open_box = Mesh("Open", box_mesh().vertex, box_mesh().polygons[:5])
     question = ask_apart(box_mesh(), open_box, box_mesh())
     if cursed is None:
