@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..lights.direct_lights import Source
 from ..lights.direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
-from ..lights.sky_openings import Looks
+from ..lights.sky_openings import TracedRays
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits
 from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
@@ -48,7 +48,7 @@ class FirstLook:
     dark: Bools
     leader: NDArray[np.int64]
     rays: int
-    looks: Looks
+    looks: TracedRays
 
 
 def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
@@ -84,7 +84,7 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
     else:  # chosen by the low bits of the shift, which points on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
-    return FirstLook(closed, off, lit, dark, leader, traced, Looks(*(np.concatenate(part) for part in zip(*looks, strict=True))))
+    return FirstLook(closed, off, lit, dark, leader, traced, TracedRays(*(np.concatenate(part) for part in zip(*looks, strict=True))))
 
 
 def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools | Float32, int]:

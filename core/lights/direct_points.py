@@ -17,6 +17,7 @@ from ..texels.texel_footprint import TexelLooks
 from ..texels.texel_grid import interleave_bits
 from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64, IntArray
 from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from ..util.sampling import to_unit_interval
 from .direct_lights import Aim
 
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
@@ -82,10 +83,7 @@ def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float
     Source: Owen 2003, "Quasi-Monte Carlo sampling", 3.4.
     """
     bits = points.T[:, :, None] ^ shift.T[:, None, :]
-    bits >>= np.uint32(8)
-    out = bits.view(np.int32).astype(np.float32)  # the same numbers below 2^31, converted faster
-    out *= np.float32(2.0**-24)
-    return np.moveaxis(out, 0, -1)
+    return np.moveaxis(to_unit_interval(bits), 0, -1)
 
 
 @dataclass(frozen=True)
@@ -159,7 +157,7 @@ class ReceivingSurfaces:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
         return locate_hits(self.tri_frame, tri, u, v).T
 
-    def follow(self, looks: TexelLooks, flip: bool) -> LookFrames:
+    def follow(self, looks: TexelLooks, flip: bool) -> ReceiverFrames:
         """Positions and normals at the elements of footprints; on their backs if `flip`."""
         tri, weight = looks.tri, looks.weight
         side = self.normal.T.take(tri, axis=1)
@@ -170,14 +168,14 @@ class ReceivingSurfaces:
         is_smooth = self.smooth[tri]
         bumped = self.maps.has(tri) if self.maps else np.zeros(len(tri), bool)
         if not is_smooth.any() and not bumped.any():
-            return LookFrames(position, side, None, None)
+            return ReceiverFrames(position, side, None, None)
         smooth = np.flatnonzero(is_smooth)
         normal = np.zeros_like(position)
         normal[0] = side
         corners = triangle_frames(self.shading_normal[tri[smooth]])
         normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
         bumps = Bumps(self.maps, bumped, tri, weight) if self.maps and bumped.any() else None
-        return LookFrames(position, side, normal, is_smooth | bumped, bumps)
+        return ReceiverFrames(position, side, normal, is_smooth | bumped, bumps)
 
 
 def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
@@ -220,7 +218,7 @@ class Bumps:
 
 
 @dataclass(frozen=True)
-class LookFrames:
+class ReceiverFrames:
     """Receivers on the elements of TexelLooks, linear in two coordinates: values at the origin, and increments along both axes.
 
     position   (3, 3, n) float32, unit box    [origin or axis, x y z, element], already offset from the surface

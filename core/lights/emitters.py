@@ -21,7 +21,7 @@ from ..util.sampling import AliasTable, square_to_cosine_hemisphere
 from .emitting_cells import EmittingCells, find_emitting_cells
 from .environment import Environment, EnvironmentEmitter
 from .light_links import LightLinks
-from .lights import Births, Emitter, PointEmitter, make_births, make_light_emitter
+from .lights import EmittedPhotons, Emitter, PointEmitter, make_light_emitter, make_photons
 
 _MOST_LOOKED_AROUND = 64  # lamps
 NO_LIGHT = "the scene has no light: add a light, an emitting material or a world colour"
@@ -75,7 +75,7 @@ class MeshEmitter:
         rgb = self.cells.mean_rgb
         return self.cells.constant and bool((rgb == rgb[:1]).all())
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         cell, rest = self.table.sample(u[:, 0])
         tri, barycentric = self.cells.place(cell, stack_columns(rest, u[:, 1]))
         sides = self.sides.take(cell)
@@ -86,14 +86,14 @@ class MeshEmitter:
         origin = offset_origin(locate_hits(self.tri_frame, tri, *barycentric.T), normal).T
         direction = rotate_to(local, normal.T)
         if self._is_uniform:
-            return make_births(origin, direction)
+            return make_photons(origin, direction)
         if self.cells.constant:
             radiance = self.cells.mean_rgb[cell].astype(np.float32)
         else:
             radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
         per_radiance = math.pi * sides * self.cells.area_m2[cell] / self.table.probability[cell]
         share = np.divide(1, self.power_rgb, out=np.zeros(3), where=self.power_rgb > 0)
-        return make_births(origin, direction, radiance * per_radiance[:, None] * share)
+        return make_photons(origin, direction, radiance * per_radiance[:, None] * share)
 
 
 @dataclass(frozen=True)
@@ -105,12 +105,12 @@ class WorldEmitter:
     cover: SceneCover
     casts_shadow: bool = True
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         across, rest = self.cover.choose_faces(u[:, 0], self.cover.face_area[None])
         at_low = (u[:, 2] >= 0.5).astype(np.float32)
         local = square_to_cosine_hemisphere(stack_columns(2 * u[:, 2] - at_low, u[:, 3]))
         inward = (2 * at_low * across - across).T
-        return make_births(self.cover.place(across, 1 - at_low, rest, u[:, 1]), rotate_to(local, inward))
+        return make_photons(self.cover.place(across, 1 - at_low, rest, u[:, 1]), rotate_to(local, inward))
 
 
 def build_emitters(

@@ -11,7 +11,7 @@ from ..scene.scene_cover import SceneCover
 from ..util.arrays import Float32, Float64, FloatArray
 from ..util.brightness import weigh_channels
 from ..util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
-from .lights import Births, make_births
+from .lights import EmittedPhotons, make_photons
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ class EnvironmentEmitter:
         share = np.divide(share, probability[:, None], out=np.zeros_like(share), where=probability[:, None] > 0)
         return cls(name, power, CellTable(weight.reshape(height, width)), share.astype(np.float32), cover)
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         toward, cell, _ = self.table.sample(u[:, 2:4])
         direction = -toward
         across, rest = self.cover.choose_faces(u[:, 0], np.abs(direction) * self.cover.face_area.astype(np.float32))
         entering_high = (across * direction.T).sum(axis=0) < 0
         relative = self.cell_share[cell] * self.cover.outline_area(direction)[:, None]
-        return make_births(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
+        return make_photons(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..util.arrays import BoolArray, Float32, Float64, Int64, IntArray
 from ..util.geometry import gather, take_rows
 from .emitters import WorldEmitter
-from .lights import AreaEmitter, Births, Emitter, PointEmitter
+from .lights import AreaEmitter, EmittedPhotons, Emitter, PointEmitter
 
 _OWN = ("name", "power_rgb", "casts_shadow", "link")  # fields that do not affect positions and directions of emitted photons
 
@@ -35,7 +35,7 @@ class _Kind:
         of_each = [_arrays(emitter) for emitter in emitters]
         return cls(emitters[0], {name: np.concatenate([arrays[name] for arrays in of_each], axis=-1) for name in of_each[0]})
 
-    def emit(self, light: IntArray, u: Float32) -> Births:
+    def emit(self, light: IntArray, u: Float32) -> EmittedPhotons:
         """Photons of lights (n,) of this kind, ascending, for numbers (n, 4)."""
         own = light[:1] if light[0] == light[-1] else light
         joined: Emitter = replace(self.first, **{name: gather(values, own) for name, values in self.arrays.items()})
@@ -83,7 +83,7 @@ class JoinedEmitters:
     def __len__(self) -> int:
         return len(self.kind)
 
-    def emit(self, emitter: IntArray, u: Float32) -> Births:
+    def emit(self, emitter: IntArray, u: Float32) -> EmittedPhotons:
         """Photons of emitters (n,), n > 0, ascending, for numbers u (n, 4) float32, see Emitter.emit."""
         kind, light = self.kind.take(emitter), self.light.take(emitter)
         found: list[int] = np.flatnonzero(np.bincount(kind)).tolist()
@@ -97,10 +97,10 @@ class JoinedEmitters:
             own = np.flatnonzero(kind == k)
             if len(cuts) < len(found):  # those of a kind follow each other: a range is sooner read and written than rows
                 own = slice(int(own[0]), int(own[-1]) + 1)
-            births = self.kinds[k].emit(light[own], u[own] if isinstance(own, slice) else take_rows(u, own))
-            origin[:, own], direction[:, own], relative[:, own] = births.origin.T, births.direction.T, births.relative_rgb.T
-            soft_radius[own], soft_offset[own] = births.soft_radius, births.soft_offset
-        return Births(origin.T, direction.T, relative.T, soft_radius, soft_offset)
+            photons = self.kinds[k].emit(light[own], u[own] if isinstance(own, slice) else take_rows(u, own))
+            origin[:, own], direction[:, own], relative[:, own] = photons.origin.T, photons.direction.T, photons.relative_rgb.T
+            soft_radius[own], soft_offset[own] = photons.soft_radius, photons.soft_offset
+        return EmittedPhotons(origin.T, direction.T, relative.T, soft_radius, soft_offset)
 
 
 def _name_kind(emitter: Emitter) -> tuple[object, ...]:

@@ -25,7 +25,7 @@ _CONE_STEPS = 64
 
 
 @dataclass(frozen=True)
-class Births:
+class EmittedPhotons:
     """Emitted photons; best as views of (k, n) rows.
 
     origin         (n, 3) float32, unit box
@@ -59,15 +59,15 @@ class Emitter(Protocol):
     @property
     def casts_shadow(self) -> bool: ...
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         """Photons for numbers u (n, 4) float32, uniform in [0, 1)."""
 
 
-def make_births(origin: FloatArray, direction: FloatArray, relative: FloatArray | None = None) -> Births:
-    """Births without a soft radius; photons have equal power if `relative` is left out."""
+def make_photons(origin: FloatArray, direction: FloatArray, relative: FloatArray | None = None) -> EmittedPhotons:
+    """Photons without a soft radius; they have equal power if `relative` is left out."""
     zero = np.zeros(len(origin), np.float32)
     shares = np.ones((len(origin), 1), np.float32) if relative is None else relative.astype(np.float32)
-    return Births(origin.astype(np.float32, copy=False), direction.astype(np.float32, copy=False), shares, zero, zero)
+    return EmittedPhotons(origin.astype(np.float32, copy=False), direction.astype(np.float32, copy=False), shares, zero, zero)
 
 
 def turn(local: FloatArray, axes: FloatArray) -> Float32:
@@ -157,11 +157,11 @@ class PointEmitter:
         drop = sample_spot_drop(u[:, 0], self.drop, self.blend)
         return turn(directions_from_height(drop, u[:, 1]), self.axes)
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         direction = self.choose_direction(u[:, :2])
-        births = make_births(np.broadcast_to(self.centre.T, direction.shape), direction)
+        photons = make_photons(np.broadcast_to(self.centre.T, direction.shape), direction)
         if not self.radius.any():
-            return births
+            return photons
         place = u[:, 2:4]
         inside = (u[:, 2] < 0.5) & (self.crowded and not self.soft)
         if self.crowded and not self.soft:
@@ -173,14 +173,14 @@ class PointEmitter:
         if not self.soft:
             rise = np.sqrt(np.maximum(self.radius**2 - offset_squared, 0))
             if not self.crowded:
-                return make_births(origin + rise[:, None] * direction, direction)
+                return make_photons(origin + rise[:, None] * direction, direction)
             # A surface inside the sphere sees its far side. So half of the photons cross the sphere, and count if they hit inside of it.
             toward = np.where(inside, -rise, rise)
             born = (origin + toward[:, None] * direction).astype(np.float32, copy=False)
             reach = np.where(inside, -2 * rise, 0).astype(np.float32)
-            return Births(born, direction, 2 * births.relative_rgb, reach, np.zeros_like(reach))
+            return EmittedPhotons(born, direction, 2 * photons.relative_rgb, reach, np.zeros_like(reach))
         radius = np.broadcast_to(self.radius, len(u))
-        return Births(origin.astype(np.float32, copy=False), direction, births.relative_rgb, radius, np.sqrt(offset_squared))
+        return EmittedPhotons(origin.astype(np.float32, copy=False), direction, photons.relative_rgb, radius, np.sqrt(offset_squared))
 
 
 @dataclass(frozen=True)
@@ -219,15 +219,15 @@ class AreaEmitter:
     casts_shadow: bool
     link: int = -1
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size.T
         origin = self.centre.T + combine_vectors(place, self.axes[:2])
         if self.spread_rad > LAMBERTIAN_SPREAD_RAD:
-            return make_births(origin, turn(square_to_cosine_hemisphere(u[:, 2:4]), self.axes))
+            return make_photons(origin, turn(square_to_cosine_hemisphere(u[:, 2:4]), self.axes))
         theta = sample_spread_angle(u[:, 2], self.spread_rad)
         phi = 2 * math.pi * u[:, 3]
         local = stack_columns(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
-        return make_births(origin, turn(local, self.axes))
+        return make_photons(origin, turn(local, self.axes))
 
 
 def spread_attenuation(cosine: FloatArray, spread_rad: FloatArray | float) -> FloatArray:
@@ -272,13 +272,13 @@ class SunEmitter:
     casts_shadow: bool
     link: int = -1
 
-    def emit(self, u: Float32) -> Births:
+    def emit(self, u: Float32) -> EmittedPhotons:
         direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
         seen = np.abs(direction) * self.cover.face_area.astype(np.float32)
         across, rest = self.cover.choose_faces(u[:, 0], seen)
         entering_high = (across * direction.T).sum(axis=0) < 0
         relative = self.cover.outline_area(direction)[:, None] / self.mean_outline
-        return make_births(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
+        return make_photons(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
 
 
 def make_light_emitter(

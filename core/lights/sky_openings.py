@@ -40,7 +40,7 @@ _NOISIER = 2.5  # tolerance relative to that of lamps: neighbours have similar n
 
 
 @dataclass(frozen=True)
-class Looks:
+class TracedRays:
     """Rays already traced to a light.
 
     texel   (n,) int64        row of a chunk
@@ -71,7 +71,7 @@ class Openings:
         chunk: TexelChunk,
         source: WorldSource,
         rows: Int64,
-        looks: Looks,
+        looks: TracedRays,
         beside: Float64,
         demand: Demand,
         rng: np.random.Generator,

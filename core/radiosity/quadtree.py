@@ -96,7 +96,8 @@ def plant_trees(texels: TexelMap, degree: int, level: int, finest_texels: int, f
     side = (1 << side_log2[chart]).astype(np.int32)
     relative = (texels.texel_xy[first] - texels.chart_origin[chart]) // side[:, None] * side[:, None]
     return _append(
-        _bare_tree(degree),
+        None,
+        degree,
         texels,
         chart=chart,
         side=side,
@@ -123,45 +124,18 @@ def _find_nodes(texels: TexelMap, side_log2: Int64) -> Int64:
     return np.flatnonzero(is_first)
 
 
-def _bare_tree(degree: int) -> Quadtree:
-    size, n_moment = basis.count_functions(degree), basis.count_functions(2 * degree)
-    whole, small = np.zeros(0, np.int64), np.zeros(0, np.int32)
-    return Quadtree(
-        degree=degree,
-        chart=small,
-        side=small,
-        origin=np.zeros((0, 2), np.int32),
-        code=whole,
-        parent=small,
-        quadrant=np.zeros(0, np.int8),
-        children=np.zeros((0, 4), np.int32),
-        start=whole,
-        end=whole,
-        depth=np.zeros(0, np.int16),
-        current=np.zeros(0, bool),
-        moment=np.zeros((0, n_moment)),
-        project=np.zeros((0, size, size)),
-        rank=whole,
-    )
-
-
-def _append(tree: Quadtree, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
+def _append(tree: Quadtree | None, degree: int, texels: TexelMap, **new: NDArray[Any]) -> Quadtree:
+    """The tree with new nodes, or a tree of these alone; their other columns are computed."""
     half = new["side"] / 2.0
-    moment = texels.range_moments(new["start"], new["end"], new["origin"] + half[:, None], half, 2 * tree.degree)
-    functions = basis.orthonormal_functions(basis.gram_matrix(moment, tree.degree))
+    moment = texels.range_moments(new["start"], new["end"], new["origin"] + half[:, None], half, 2 * degree)
+    functions = basis.orthonormal_functions(basis.gram_matrix(moment, degree))
+    new |= {"moment": moment, "project": basis.projector(functions), "rank": functions.any(2).sum(1)}
+    new["children"] = np.full((len(moment), 4), -1, np.int32)
+    if tree is None:
+        return Quadtree(degree, **new)
     columns = {name: np.concatenate([getattr(tree, name), values]) for name, values in new.items()}
-    n_new = len(new["chart"])
-    children = np.concatenate([tree.children, np.full((n_new, 4), -1, np.int32)])
-    born = np.flatnonzero(new["parent"] >= 0)
-    children[new["parent"][born], new["quadrant"][born]] = len(tree) + born
-    return replace(
-        tree,
-        children=children,
-        moment=np.concatenate([tree.moment, moment]),
-        project=np.concatenate([tree.project, basis.projector(functions)]),
-        rank=np.concatenate([tree.rank, functions.any(2).sum(1)]),
-        **columns,
-    )
+    columns["children"][new["parent"], new["quadrant"]] = np.arange(len(tree), len(tree) + len(moment))
+    return replace(tree, **columns)
 
 
 def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
@@ -181,6 +155,7 @@ def add_children(tree: Quadtree, nodes: IntArray, texels: TexelMap) -> Quadtree:
     offset = np.stack([quadrant & 1, quadrant >> 1], 1) * side[:, None]
     return _append(
         tree,
+        tree.degree,
         texels,
         chart=tree.chart[parent][covered],
         side=side[covered],

@@ -74,7 +74,7 @@ def _find_shell(probe: LightProbe, point: Float32, direction: Float32, own: int)
     """Name of the object, other than `own`, that nearly all rays meet; "" if there is none."""
     if not len(point):
         return ""
-    tri = probe.look(point, direction).tri if own >= 0 else probe.meet(point, direction)
+    tri = probe.trace(point, direction).tri if own >= 0 else probe.meet(point, direction)
     met = probe.snapshot.tri_object[tri[tri >= 0]]
     met, lost = met[met != own], np.count_nonzero(tri < 0)
     if not len(met):
@@ -86,7 +86,7 @@ def _find_shell(probe: LightProbe, point: Float32, direction: Float32, own: int)
 
 def _find_enclosure(probe: LightProbe, number: int, point: Float32, side: Float32) -> str:
     """A sentence about what encloses an object, by rays from its points; "" if any ray leaves the scene."""
-    tri = probe.look(point, side).tri
+    tri = probe.trace(point, side).tri
     if (tri < 0).any():
         return ""
     count = np.bincount(probe.snapshot.tri_object[tri], minlength=len(probe.snapshot.objects))

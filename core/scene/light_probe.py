@@ -66,7 +66,7 @@ class LightProbe:
         one, two, three = np.moveaxis(self._corner[tri], 1, 0)
         return self.box.to_unit(one + u[:, :1] * (two - one) + u[:, 1:] * (three - one)), self.normal[tri].astype(np.float32)
 
-    def look(self, point: Float32, side: Float32) -> Seen:
+    def trace(self, point: Float32, side: Float32) -> Seen:
         """Hits of cosine-distributed rays from points, on the side of the normals (n, 3)."""
         tangent, bitangent = orthonormal_basis(side)
         local = square_to_cosine_hemisphere(self._rng.random((len(point), 2)))
@@ -99,7 +99,7 @@ class LightProbe:
         third = np.full(len(point), 1.0 / 3.0, np.float32)
         for bounce in range(bounces + 1):
             total[rows] += throughput * (self._from_lamps(point, side) + self._from_glow(point, side))
-            seen = self.look(point, side)
+            seen = self.trace(point, side)
             total[rows] += throughput * np.pi * self._sky * (seen.tri < 0)
             met = np.flatnonzero(seen.tri >= 0)
             if bounce == bounces or not len(met):

@@ -150,11 +150,11 @@ class _Samples:
         """(n_chosen,): means of values (n_point,) over the points of each part."""
         return values.reshape(self._n, self._each).mean(axis=1, dtype=np.float64)
 
-    def look(self, sign: int) -> tuple[Float64, ...]:
+    def trace(self, sign: int) -> tuple[Float64, ...]:
         """Shares of rays, (n_chosen,) each, that meet: a close surface; a close surface, the part itself or a back; the front of another
         part; anything.
         """
-        seen: Seen = self._probe.look(self.point, np.float32(sign) * self.front)
+        seen: Seen = self._probe.trace(self.point, np.float32(sign) * self.front)
         own = np.zeros(len(seen.tri), bool)
         met = seen.tri >= 0
         place = np.searchsorted(self._parts.tri, seen.tri).clip(0, len(self._parts.tri) - 1)
@@ -178,8 +178,8 @@ def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[BoolArray, BoolArra
     if not len(chosen):
         return is_turned, is_open
     samples = _Samples(probe, parts, chosen, min(max(_MOST_POINTS // len(chosen), _LEAST_EACH), _MOST_EACH))
-    close, within, _, met_before = samples.look(1)
-    near, behind, back_sees, met = samples.look(-1)
+    close, within, _, met_before = samples.trace(1)
+    near, behind, back_sees, met = samples.trace(-1)
     floor = samples.mean(samples.front[:, 2]) > _LEVEL  # the ground is not seen from below
     perhaps = ((within >= _INSIDE) | (met_before >= _ENCLOSED)) & (behind < _INSIDE) & ~(floor & (met < _NOTHING))
     in_sight = (np.maximum(close, near) < _SEEN) & (back_sees >= _SEEN)

@@ -29,7 +29,7 @@ MAX_PAGE_SIZE_TEXELS = 16384
 
 def _knob(
     default: Any,
-    help_text: str,
+    help: str,
     *,
     unit: str = "",
     low: float | None = None,
@@ -41,23 +41,9 @@ def _knob(
     find_error: Callable[[str], str] | None = None,
     label: str = "",
     metavar: str = "N",
-    decides_images: bool = True,
+    decides_images: bool = True,  # or only how, and where, they are computed
 ) -> Any:
-    metadata = {
-        "help": help_text,
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "choices": choices,
-        "group": group,
-        "flag": flag,
-        "off_flag": off_flag,
-        "find_error": find_error,
-        "label": label,
-        "metavar": metavar,
-        "decides_images": decides_images,  # or only how, and where, they are computed
-    }
-    return field(default=default, metadata=metadata)
+    return field(default=default, metadata={name: value for name, value in locals().items() if name != "default"})
 
 
 _ALL_LIGHT_DEPTH = 100  # surfaces

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from leaflight.core.lights.joined_emitters import JoinedEmitters
-from leaflight.core.lights.lights import make_births
+from leaflight.core.lights.lights import make_photons
 from leaflight.core.scene.rays import RayScene
 from leaflight.core.transport.emission import BATCH, Photons, emit_photons, light_every_surface, soften
 from leaflight.core.transport.emission_cells import BINS, SLICES, BirthCells, find_slice
@@ -20,7 +20,7 @@ class Down:
     name: str = "Down"
 
     def emit(self, u):
-        return make_births(np.tile(np.float32([0, 0, 0.4]), (len(u), 1)), np.tile(np.float32([0, 0, -1]), (len(u), 1)))
+        return make_photons(np.tile(np.float32([0, 0, 0.4]), (len(u), 1)), np.tile(np.float32([0, 0, -1]), (len(u), 1)))
 
 
 LAMPS = Down(np.array([1.0, 2.0, 3.0])), Down(np.full(3, 6.0), casts_shadow=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from floors import chi_square_sigmas, sigma_limit
-from leaflight.core.lights.lights import Births
+from leaflight.core.lights.lights import EmittedPhotons
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, TextureImage
 from leaflight.core.transport import photon_log, photons
@@ -33,7 +33,7 @@ class Lamp:
         n = len(u)
         direction = sampling.square_to_uniform_sphere(u[:, :2]) if self.along is None else np.tile(np.float32(self.along), (n, 1))
         radius, offset = np.repeat(np.float32(self.soft)[:, None], n, axis=1)
-        return Births(np.tile(np.float32(self.place_unit), (n, 1)), direction, np.ones((n, 1), np.float32), radius, offset)
+        return EmittedPhotons(np.tile(np.float32(self.place_unit), (n, 1)), direction, np.ones((n, 1), np.float32), radius, offset)
 
 
 def _cube(outwards: bool = False) -> np.ndarray:
