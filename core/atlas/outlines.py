@@ -72,7 +72,7 @@ def straighten_charts(uv: Float64, chart: Int64, shared: BoolArray, n_chart: int
         better = box < best * _CLEARLY_SMALLER
         best, chosen = np.where(better, box, best), np.where(better, angle, chosen)
     turned = _turn(uv, np.cos(chosen)[chart], np.sin(chosen)[chart])
-    low, _ = _bounds(turned, chart, n_chart)
+    low, _ = find_bounds(turned, chart, n_chart)
     return turned - low[chart][:, None]
 
 
@@ -84,7 +84,7 @@ def measure_outlines(uv: Float64, chart: Int64, shared: BoolArray, n_chart: int)
     edge, edge_chart = _border(uv, chart, shared)
     order = np.argsort(edge_chart, kind="stable")
     start = np.searchsorted(edge_chart[order], np.arange(n_chart + 1))
-    _, high = _bounds(uv, chart, n_chart)
+    _, high = find_bounds(uv, chart, n_chart)
     area = np.bincount(chart, np.abs(signed_areas(uv)), n_chart).astype(np.float64)
     return Outlines(edge[order], start, np.maximum(high, 0.0), area, np.zeros(n_chart, bool))
 
@@ -110,11 +110,12 @@ def _border(uv: Float64, chart: Int64, shared: BoolArray) -> tuple[Float64, Int6
     return np.stack([uv[tri, side], uv[tri, (side + 1) % 3]], axis=1), chart[tri]
 
 
-def _bounds(points: Float64, chart: Int64, n_chart: int) -> tuple[Float64, Float64]:
-    low, high = np.full((n_chart, 2), np.inf), np.full((n_chart, 2), -np.inf)
-    for axis in range(2):
-        np.minimum.at(low[:, axis], chart, points[..., axis].min(axis=1))
-        np.maximum.at(high[:, axis], chart, points[..., axis].max(axis=1))
+def find_bounds(points: Float64, group: Int64, count: int) -> tuple[Float64, Float64]:
+    """(count, k) each: least and greatest coordinates of the corners (n, 3, k) of triangles of each group (n,); 0 for an empty group."""
+    low, high = np.full((count, points.shape[2]), np.inf), np.full((count, points.shape[2]), -np.inf)
+    for axis in range(points.shape[2]):
+        np.minimum.at(low[:, axis], group, points[..., axis].min(axis=1))
+        np.maximum.at(high[:, axis], group, points[..., axis].max(axis=1))
     known = low <= high
     return np.where(known, low, 0.0), np.where(known, high, 0.0)
 

@@ -11,6 +11,7 @@ from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .chart_borders import find_plain_charts
 from .layer_check import find_overlaps, label_charts, signed_areas
+from .outlines import find_bounds
 from .xatlas_requests import XatlasRequests, project, sum_by
 
 _LEAST_STRETCH = 1e-3  # least UV area over area in space; a triangle with less is unfolded on its own
@@ -102,10 +103,7 @@ class Unwrapping:
 
 def _centre(tri_position: Float64, tri_object: Int64, solid: Int64) -> Float64:
     """Positions relative to the middle of each object's bounding box, which leaves out triangles without area."""
-    low, high = np.full((tri_object.max(initial=-1) + 1, 3), np.inf), np.full((tri_object.max(initial=-1) + 1, 3), -np.inf)
-    np.minimum.at(low, tri_object[solid], tri_position[solid].min(axis=1))
-    np.maximum.at(high, tri_object[solid], tri_position[solid].max(axis=1))
-    low, high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))  # an object without any area
+    low, high = find_bounds(tri_position[solid], tri_object[solid], tri_object.max(initial=-1) + 1)
     return tri_position - 0.5 * (low + high)[tri_object][:, None]
 
 
@@ -116,10 +114,7 @@ def _find_overlaps_in_charts(group: Int64, uv: Float64) -> BoolArray:
     overlapping: BoolArray = area == 0
     if overlapping.all():
         return overlapping
-    low, high = np.full((chart.max() + 1, 2), np.inf), np.full((chart.max() + 1, 2), -np.inf)
-    for axis in range(2):
-        np.minimum.at(low[:, axis], chart, uv[..., axis].min(axis=1))
-        np.maximum.at(high[:, axis], chart, uv[..., axis].max(axis=1))
+    low, high = find_bounds(uv, chart, chart.max() + 1)
     side = (high - low) * 1.01
     order = np.argsort(-side[:, 1], kind="stable")
     along = np.cumsum(side[order, 0]) - side[order, 0]

@@ -225,7 +225,7 @@ def split_part(tri_facet: IntArray, tri_polygon: IntArray, tri_centre: Float64) 
     whole = np.unique(whole, return_inverse=True)[1].ravel()
     owner = whole[facet]
     count = np.bincount(owner)
-    centre = np.stack([np.bincount(owner, tri_centre[:, axis]) / count for axis in range(3)], axis=1)
+    centre = sum_by(owner, tri_centre, len(count)) / count[:, None]
     piece = np.zeros(len(count), np.int64)
     for number, rows in enumerate(_halve(centre, np.bincount(whole))):
         piece[rows] = number

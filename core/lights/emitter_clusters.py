@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
+from ..util.coverage import expand_ranges
 from ..util.geometry import dot_rows, take_rows
 from .direct_points import Receivers, row_pieces
 from .stratified_choice import Clusters, sort_by_place
@@ -136,8 +137,7 @@ class EmitterClusters:
         """
         count = self.count[node]
         start = np.cumsum(count) - count
-        owner = np.repeat(np.arange(len(node)), count)
-        part = np.arange(len(owner)) + (self.below[node] - start)[owner]
+        owner, part = expand_ranges(self.below[node], self.below[node] + count)
         looking, normal = receivers.rows(owner), take_rows(self.normal, part)
         away = take_rows(self.centre, part) - looking.position
         square, height, facing = dot_rows(away, away), dot_rows(away, looking.normal), -dot_rows(away, normal)
@@ -176,8 +176,7 @@ def _cut_all(start: Int64, end: int) -> Int64:
     """First cells of the children of all nodes: single cells of short nodes, else _PARTS children of about equal length."""
     count = np.diff(start, append=end)
     n_part = np.where(count > _FEW, _PARTS, count)
-    run = np.repeat(np.arange(len(start)), n_part)
-    part = np.arange(len(run)) - np.repeat(np.cumsum(n_part) - n_part, n_part)
+    run, part = expand_ranges(np.zeros_like(n_part), n_part)
     return start[run] + count[run] * part // n_part[run]
 
 

@@ -14,6 +14,7 @@ from ..scene.scene import SceneSnapshot
 from ..scene.slender_triangles import cut_slender, find_between, find_corners
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
+from ..util.coverage import expand_ranges
 from ..util.geometry import take_rows, triangle_normals_areas
 from ..util.sampling import square_to_uniform_triangle
 from .light_links import LightLinks
@@ -134,8 +135,8 @@ def _cut_squares(
 ) -> tuple[Int64, Float32, Float32, Float64]:
     """Cuts cells (n,) into per_side ** 2 squares each."""
     count = per_side**2
-    owner = np.repeat(np.arange(len(whose)), count)
-    within, across = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count), per_side[owner]
+    owner, within = expand_ranges(np.zeros_like(count), count)
+    across = per_side[owner]
     short = (side[owner] / across).astype(np.float32)
     at = corner[owner] + np.stack([within % across, within // across], axis=1) * short[:, None]
     return whose[owner], at.astype(np.float32), short, area_m2[owner] / across**2

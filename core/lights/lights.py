@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -187,14 +187,12 @@ class PointEmitter:
 class ProfileEmitter(PointEmitter):
     """A point light whose intensity differs by direction.
 
-    table   directions in the light's own axes; None for an even intensity
+    table   directions in the light's own axes
     """
 
-    table: CellTable | None = None
+    table: CellTable = field(kw_only=True)
 
     def choose_direction(self, u: Float32) -> Float32:
-        if self.table is None:
-            return super().choose_direction(u)
         return combine_vectors(self.table.sample(u)[0], self.axes)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..util.ablation import uses
 from ..util.arrays import Float32, Float64, Int64
+from ..util.coverage import expand_ranges
 
 _LONG = 8.0  # triangles are cut if the ratio of the longest edge to the height above it exceeds this
 # Greatest ratio of a part's length to that height: with 8, light by strips 5 mm from a wall takes twice the time; with 2, no less.
@@ -38,8 +39,7 @@ def cut_slender(corner: Float64, area: Float64) -> tuple[Int64, Float32, Float64
     length, own_area = share * np.tile(square[slender, first] / (2 * area[slender]), 2), share * area[owner]
     wanted = np.minimum(length / _PART, own_area / (_LEAST * area.sum()))
     count = np.where(share > 0, np.maximum(np.ceil(wanted), 1), 0).astype(np.int64)
-    piece = np.repeat(np.arange(len(owner)), count)
-    step = np.arange(len(piece)) - (np.cumsum(count) - count)[piece]
+    piece, step = expand_ranges(np.zeros_like(count), count)
     near, far = step / count[piece], (step + 1) / count[piece]
     low, low_far = (base[piece] + at[:, None] * (tip - base)[piece] for at in (near, far))
     high, high_far = (apex[piece] + at[:, None] * (tip - apex)[piece] for at in (near, far))

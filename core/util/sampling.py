@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Float32, FloatArray, IntArray
+from .coverage import expand_ranges
 from .geometry import gather, select, stack_columns
 
 
@@ -42,10 +43,8 @@ def low_discrepancy_points(shift: NDArray[np.uint32], start: IntArray, count: In
     out            (sum of count, 4) float32 in [0, 1), a view of rows, ordered by sequence
     Source: Sobol' 1967; Owen 1995, "Randomly permuted (t,m,s)-nets and (t,s)-sequences".
     """
-    first_turn = start >> _SOBOL_BITS
-    turns = (start + count - 1 >> _SOBOL_BITS) + 1 - first_turn
-    of = np.repeat(np.arange(len(start)), turns)  # sequence of each run of points with one shift
-    turn = np.arange(len(of)) - np.repeat(np.cumsum(turns) - turns - first_turn, turns)
+    # The sequence of each run of points with one shift, and which of its runs that is.
+    of, turn = expand_ranges(start >> _SOBOL_BITS, (start + count - 1 >> _SOBOL_BITS) + 1)
     first = np.maximum(start[of], turn << _SOBOL_BITS)
     length = np.minimum((start + count)[of], turn + 1 << _SOBOL_BITS) - first
     moved = shift[of]
