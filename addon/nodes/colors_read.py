@@ -288,7 +288,11 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
         mapping = replace(mapping, box=True)
         if node.projection_blend > 0.0:
             reader.approximate(f"the sides of the box projection of image {node.image.name} are not blended")
-    return Color(WHITE, reader.images.index(node.image, frame, node.extension, node.interpolation == "Closest", alpha), mapping, mean)
+    uses_alpha = node.outputs["Alpha"].is_linked
+    index = reader.images.index(node.image, frame, node.extension, node.interpolation == "Closest", port.socket.name, uses_alpha)
+    if pixels.alpha is not None and not alpha:
+        mean = to_rgb(reader.images.images[index].pixels.mean(axis=(0, 1), dtype=np.float64))
+    return Color(WHITE, index, mapping, mean)
 
 
 def _describe_missing(image: Any, frame: int) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...core.output.image_file import can_open, read_bytes, srgb_to_linear
 from .node_ports import Port, find_surface, list_shaders, uses_nodes
+from .srgb_filtering import measure_between
 
 Bytes: TypeAlias = NDArray[np.uint8]
 
@@ -39,6 +40,8 @@ class ImagePixels:
     mean     RGBA over the image
     note     what of it was replaced, "" nothing
     is_encoded   it is of sRGB bytes, which Cycles interpolates as they are
+    between_rgb   the mean light that Cycles has between the pixels, relative to that of the pixels
+    is_associated   colours are multiplied by alpha
     grid     the UDIM tiles that lie in it: the first one's column and row, then how many columns and rows
     """
 
@@ -48,6 +51,8 @@ class ImagePixels:
     note: str = ""
     grid: tuple[int, int, int, int] = (0, 0, 1, 1)
     is_encoded: bool = False
+    between_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    is_associated: bool = False
 
     @classmethod
     def of(cls, color: NDArray[np.float32], alpha: NDArray[np.float32] | None, note: str = "") -> ImagePixels:
@@ -59,6 +64,12 @@ class ImagePixels:
             total += rows[low : low + _SUM_ROWS].sum(axis=0)
         red, green, blue = (float(x) for x in total.reshape(width, 3).sum(axis=0) / (height * width))
         return cls(color, alpha, (red, green, blue, 1.0 if alpha is None else float(alpha.mean(dtype=np.float64))), note)
+
+    @classmethod
+    def of_bytes(cls, stored: Bytes, encoded: bool, has_alpha: bool, most_texels: int, note: str = "") -> ImagePixels:
+        """Of values (h, w, 1, 3 or 4) of 8 bits, which are sRGB where `encoded`."""
+        made = cls.of(*convert_bytes(stored, encoded, has_alpha, most_texels), note)
+        return replace(made, is_encoded=True, between_rgb=measure_between(stored)) if encoded else made
 
 
 class ImageFiles:
@@ -136,7 +147,7 @@ def read_file(source: str | bytes, encoded: bool, has_alpha: bool, most_texels: 
             path = Path(folder, f"packed{kind}")
             path.write_bytes(source)
             stored = read_bytes(str(path))
-    return None if stored is None else replace(ImagePixels.of(*convert_bytes(stored, encoded, has_alpha, most_texels)), is_encoded=encoded)
+    return None if stored is None else ImagePixels.of_bytes(stored, encoded, has_alpha, most_texels)
 
 
 def convert_bytes(

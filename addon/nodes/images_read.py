@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from ...core.output.image_file import srgb_to_linear
 from ...core.scene.scene import TextureImage
-from .image_files import ImageFiles, ImagePixels, convert_bytes
+from .image_files import ImageFiles, ImagePixels
 from .image_parts import find_cell, open_frame, open_tile
-from .srgb_filtering import refine_srgb
+from .srgb_filtering import multiply_alpha, refine_srgb
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
 _MOST_REFINED = 1 << 24  # texels of all images that are refined
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
+_LEAST_DARKER = 0.002  # the light between pixels that is cared for
+_APART = ("CHANNEL_PACKED", "NONE")  # of colours that alpha has nothing to do with
 
 
 class ImageTable:
@@ -34,7 +36,7 @@ class ImageTable:
         self.most_texels = min(most_texels, MAX_TEXTURE_SIDE_TEXELS)
         self.files = ImageFiles(self.most_texels)
         self.images: list[TextureImage] = []
-        self._index: dict[tuple[int, int, str, bool, bool], int] = {}
+        self._index: dict[tuple[int, int, str, bool, str, bool], int] = {}
         self._derived: dict[Hashable, int] = {}
         self.derived_texels = 0
         self._pixels: dict[tuple[int, int], ImagePixels | None] = {}
@@ -67,21 +69,43 @@ class ImageTable:
         self.images = [self.images[index] for index in place]
         return place
 
-    def index(self, image: Any, frame: int, extension: str, closest: bool, alpha: bool = False) -> int:
-        """Where the image, or its alpha as a grey one, is in `images`; it must have been read."""
+    def index(self, image: Any, frame: int, extension: str, closest: bool, output: str = "Color", uses_alpha: bool = False) -> int:
+        """Where what an output shows of the image is in `images`; it must have been read.
+
+        uses_alpha   whether the node's output Alpha is used, without which Cycles shows colours multiplied by it
+        """
         extension = extension if extension in _EXTENSIONS else "REPEAT"
-        key = (image.session_uid, frame, extension, closest, alpha)
+        key = (image.session_uid, frame, extension, closest, output, uses_alpha)
         if key not in self._index:
             pixels = self._pixels[image.session_uid, frame]
             assert pixels is not None
             self._index[key] = len(self.images)
-            shown = pixels.pixels if not alpha or pixels.alpha is None else np.repeat(pixels.alpha[..., None], 3, axis=2)
-            is_reduced = 2 * max(shown.shape[:2]) > self.most_texels  # or may be
-            if pixels.is_encoded and pixels.alpha is None and not (closest or is_reduced) and self._room_for_refined > 0:
-                shown = refine_srgb(shown, extension)
-                self._room_for_refined -= 0 if shown is pixels.pixels else shown.shape[0] * shown.shape[1]
+            if output == "Alpha" and pixels.alpha is not None:
+                shown = np.repeat(pixels.alpha[..., None], 3, axis=2)
+            else:
+                is_apart = image.alpha_mode in _APART or image.colorspace_settings.is_data
+                shown = self._show_color(pixels, extension, closest, None if is_apart else pixels.alpha, uses_alpha)
             self.images.append(TextureImage(image.name, shown, extension, closest))
         return self._index[key]
+
+    def _show_color(
+        self, pixels: ImagePixels, extension: str, closest: bool, alpha: NDArray[np.float32] | None, uses_alpha: bool
+    ) -> NDArray[np.float32]:
+        """The colours that Cycles shows, (h, w, 3); alpha (h, w) is what they are multiplied by."""
+        color = pixels.pixels
+        if alpha is not None and pixels.is_associated and uses_alpha:
+            return color / np.where(alpha == 0.0, np.float32(1.0), alpha)[..., None]
+        if alpha is not None and not (pixels.is_associated or uses_alpha):
+            color, alpha = multiply_alpha(color, alpha, pixels.is_encoded), None
+        if closest or not pixels.is_encoded:
+            return color
+        is_reduced = 2 * max(color.shape[:2]) > self.most_texels  # or may be
+        shown = color if is_reduced or self._room_for_refined <= 0 else refine_srgb(color, extension, alpha)
+        if shown is not color:
+            self._room_for_refined -= shown.shape[0] * shown.shape[1]
+        elif min(pixels.between_rgb) < 1.0 - _LEAST_DARKER:
+            shown = color * np.float32(pixels.between_rgb)
+        return shown
 
 
 def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
@@ -109,15 +133,15 @@ def read_pixels(image: Any, most_texels: int = 0) -> ImagePixels | None:
         note = f"colour space {space} of image {image.name} is read as Linear Rec.709"
     if not image.is_float and image.channels in (1, 3, 4):
         np.multiply(flat, np.float32(255.0), out=flat)
-        color, alpha = convert_bytes(np.rint(flat, out=flat).astype(np.uint8).reshape(stored.shape), encoded, True, most_texels)
-        return replace(ImagePixels.of(color, alpha, note), is_encoded=space == "sRGB")
+        made = ImagePixels.of_bytes(np.rint(flat, out=flat).astype(np.uint8).reshape(stored.shape), encoded, True, most_texels, note)
+        return replace(made, is_encoded=space == "sRGB")
     opaque = np.nan_to_num(stored[..., 3]) if image.channels == 4 and stored[..., 3].min() < 1.0 else None
     color = stored[..., :3] if image.channels >= 3 else np.repeat(stored[..., :1], 3, axis=2)
     color = np.nan_to_num(color, nan=0.0, posinf=0.0, neginf=0.0)
     if encoded:
         color = srgb_to_linear(color)
     coverage = None if opaque is None else _reduce(opaque[..., None], most_texels)[..., 0]
-    return ImagePixels.of(_reduce(color, most_texels), coverage, note)
+    return replace(ImagePixels.of(_reduce(color, most_texels), coverage, note), is_associated=image.is_float)
 
 
 def _read_whole(image: Any, frame: int, most_texels: int, files: ImageFiles) -> ImagePixels | None:
@@ -160,7 +184,11 @@ def _read_tiles(image: Any, most: int) -> ImagePixels | None:
     note = lost or unsaved or next((one.note for one in found.values() if one.note), "")
     red, green, blue, opaque = (float(x) for x in mean)
     grid = (int(low[0]), int(low[1]), columns, rows)
-    return ImagePixels(np.ascontiguousarray(stored[..., :3]), alpha, (red, green, blue, opaque), note, grid)
+    made = ImagePixels(np.ascontiguousarray(stored[..., :3]), alpha, (red, green, blue, opaque), note, grid)
+    ways = [(one.is_encoded, one.is_associated) for one in found.values()]
+    encoded, associated = (all(way) for way in zip(*ways, strict=True))
+    red, green, blue = np.mean([one.between_rgb for one in found.values()], axis=0).tolist()
+    return replace(made, is_encoded=encoded, is_associated=associated, between_rgb=(red, green, blue))
 
 
 def find_sphere_mean(pixels: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -1,4 +1,8 @@
-"""Images of 8 bit sRGB, between whose pixels Cycles takes the mean of the bytes, which is darker than that of their light."""
+"""Images of 8 bit sRGB, between whose pixels Cycles takes the mean of the bytes, which is darker than that of their light.
+
+Source: Blender, intern/cycles/kernel/device/cpu/image.h and kernel/svm/image.h: what is compressed as sRGB is multiplied by alpha, and
+interpolated, before it becomes linear; where the alpha is used, the colour is divided by it in between.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +19,16 @@ _TABLE_STEPS = 1 << 16
 _TABLE = srgb_to_linear(np.arange(_TABLE_STEPS, dtype=np.float32) / np.float32(_TABLE_STEPS - 1))
 _TABLE.flags.writeable = False
 _ROWS = 128  # of the finer image that are made at once
+_MEASURED = 64  # rows of an image by which the light between pixels is measured
+_GAUSS = 0.5 - math.sqrt(1.0 / 12.0)  # of the two-point rule on [0, 1]
 
 
-def refine_srgb(pixels: NDArray[np.float32], extension: str) -> NDArray[np.float32]:
+def refine_srgb(pixels: NDArray[np.float32], extension: str, alpha: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
     """An image with so many more texels that the light between its pixels is Cycles'; as it was where that is as good.
 
     pixels      (height, width, 3) float32, linear, of bytes
     extension   as of a TextureImage
-    Source: Blender, intern/cycles/kernel/device/cpu/image.h: what is compressed as sRGB is interpolated first.
+    alpha       (height, width) float32 by which colours count between pixels
     """
     most = min(_MOST_PARTS, _MOST_TEXELS // max(*pixels.shape[:2], 1))
     if most < 3 or extension == "CLIP":
@@ -33,13 +39,55 @@ def refine_srgb(pixels: NDArray[np.float32], extension: str) -> NDArray[np.float
         return pixels
     parts, most = parts | 1, most - 1 + most % 2  # odd, so that the middle of a pixel stays one
     parts = min(parts, most)
+    if alpha is not None:
+        encoded = np.concatenate([encoded * alpha[..., None], alpha[..., None]], axis=2)
     (row, up), (column, along) = (_place(side, parts, extension == "REPEAT") for side in pixels.shape[:2])
     out = np.empty((len(up), len(along), 3), np.float32)
     for low in range(0, len(up), _ROWS):
         band = slice(low, low + _ROWS)
         between = encoded[row[0, band]] * (1 - up[band, None, None]) + encoded[row[1, band]] * up[band, None, None]
         between = between[:, column[0]] * (1 - along[:, None]) + between[:, column[1]] * along[:, None]
-        _TABLE.take((between * np.float32(_TABLE_STEPS - 1) + np.float32(0.5)).astype(np.int32), out=out[band], mode="clip")
+        if alpha is not None:
+            between = between[..., :3] / np.where(between[..., 3:] > 0, between[..., 3:], 1)
+        _decode(between, out[band])
+    return out
+
+
+def multiply_alpha(pixels: NDArray[np.float32], alpha: NDArray[np.float32], is_encoded: bool) -> NDArray[np.float32]:
+    """Colours (h, w, 3) as Cycles shows them of an image whose alpha (h, w) is not used."""
+    if not is_encoded:
+        return pixels * alpha[..., None]
+    return _decode(linear_to_srgb(pixels) * alpha[..., None], np.empty_like(pixels))
+
+
+def measure_between(stored: NDArray[np.uint8]) -> tuple[float, float, float]:
+    """The mean light of Cycles between the pixels of an opaque image, relative to that of the pixels, by some rows of it.
+
+    stored   (height, width, 1, 3 or 4), sRGB; where alpha is not full it does not count
+    """
+    height, width, channels = stored.shape
+    if min(height, width) < 2:
+        return 1.0, 1.0, 1.0
+    low = np.unique(np.linspace(0, height - 2, _MEASURED).astype(np.int64))
+    corner = np.stack([stored[low, :-1], stored[low, 1:], stored[low + 1, :-1], stored[low + 1, 1:]]).reshape(4, -1, channels)
+    opaque = np.ones(corner.shape[1], bool) if channels < 4 else (corner[..., 3] == 255).all(axis=0)
+    corner = corner[:, opaque, : min(channels, 3)].astype(np.float32) / np.float32(255)
+    light = _decode(corner, np.empty_like(corner)).mean(axis=(0, 1), dtype=np.float64) if opaque.any() else np.zeros(min(channels, 3))
+    if not light.all():
+        return 1.0, 1.0, 1.0
+    found = np.zeros_like(light)
+    for x in (_GAUSS, 1 - _GAUSS):
+        for y in (_GAUSS, 1 - _GAUSS):
+            weight = np.array([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], np.float32)
+            between = np.tensordot(weight, corner, 1)
+            found += _decode(between, between).mean(axis=0, dtype=np.float64) / 4
+    red, green, blue = np.broadcast_to(found / light, 3).tolist()
+    return red, green, blue
+
+
+def _decode(encoded: NDArray[np.float32], out: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear light of sRGB values, written to `out`."""
+    _TABLE.take((encoded * np.float32(_TABLE_STEPS - 1) + np.float32(0.5)).astype(np.int32), out=out, mode="clip")
     return out
 
 
