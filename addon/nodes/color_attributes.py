@@ -16,6 +16,7 @@ from .images_read import ImageTable
 from .mesh_arrays import LocalMesh, WorldMesh
 
 IMAGE_NAME = "vertex colours"
+_RANDOM_LEVELS = 64
 BLOCKS_PER_ROW = 2048  # of 2 x 2 texels
 _CORNER_TEXEL = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])  # where a block has the colours of a triangle's corners, in texels
 
@@ -66,6 +67,7 @@ class Faces:
     shown        evaluated object
     matrix       (4, 4) float, object to world; None is the identity
     receives     whether they get a lightmap
+    random       [0, 1], what an Object Info node calls Random
     """
 
     name: str
@@ -78,6 +80,12 @@ class Faces:
     is_instance: bool
     matrix: Any = None
     receives: bool = True
+    random: float = 0.0
+
+    @property
+    def random_level(self) -> float:
+        """One of few values near `random`: each makes a material of its own, and there may be instances by the thousand."""
+        return (min(int(self.random * _RANDOM_LEVELS), _RANDOM_LEVELS - 1) + 0.5) / _RANDOM_LEVELS
 
     @property
     def world(self) -> WorldMesh:

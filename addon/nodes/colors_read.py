@@ -19,8 +19,8 @@ from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, to_rgb
 from .node_formulas import lerp, to_grey
 from .node_ports import Port, describe
-from .object_attributes import NOTHING, find_shown, pick_output, shows_object, shows_view_layer
-from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object
+from .object_attributes import NOTHING, RANDOM, find_shown, pick_output, shows_object, shows_view_layer
+from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object, depends_on_random
 from .tangent_normals import thin_out
 from .texture_mapping import UV, UvMapping, read_mapping
 
@@ -50,7 +50,8 @@ class ColorReader:
     replaced   what could not be taken as it is, for one warning; with it
     mended     what was no number, in order
     by_faces   whether what was read depends on the faces, or
-    by_object  on the object that they are of
+    by_object  on the object that they are of, and
+    by_random  on its random number, which differs between instances
     ray        the kind of ray that sees the surface, of core.scene; by_ray tells whether what was read depends on it
     sky        of a world alone: reads an environment texture, None where it cannot, and what Light Path nodes give
     """
@@ -65,7 +66,7 @@ class ColorReader:
         sky: tuple[Callable[[ColorReader, Port], Color | None], Mapping[str, float]] | None = None,
     ) -> None:
         self.images, self.faces, self.colors = images, faces, colors
-        self.by_faces = self.by_object = self.by_ray = False
+        self.by_faces = self.by_object = self.by_random = self.by_ray = False
         self.sky = sky
         self.ray = DIFFUSE
         self._baker, self._material, self._depth, self._inexact = baker, material, 0, False
@@ -95,13 +96,14 @@ class ColorReader:
             self._depth = 0
         if not self._inexact:
             return color
-        by_object = depends_on_object(port)
-        evaluated = self._baker.bake(port, self._material, self.faces, by_object)
+        by_object, by_random = depends_on_object(port), depends_on_random(port)
+        evaluated = self._baker.bake(port, self._material, self.faces, by_object, by_random)
         if evaluated is None:
             if self._baker.is_out_of_time:
                 self.note(f"{describe(port.node)} {TOO_MANY}")
             return color
         self.by_faces, self.by_object, self.replaced = True, self.by_object or by_object, before
+        self.by_random = self.by_random or by_random
         return evaluated
 
     def read_normal(self, port: Port, is_mirror: bool = False) -> bool:
@@ -337,6 +339,7 @@ def _read_property(reader: ColorReader, port: Port) -> Color:
     """A property of the object, or of the view layer; black where it has none, as in Cycles."""
     owner = None if shows_view_layer(port) else reader.faces
     reader.by_object = reader.by_object or owner is not None
+    reader.by_random = reader.by_random or port.socket.name == RANDOM
     rgba = find_shown(owner, port)
     if not rgba:
         name, path = owner.name if owner else "the view layer", port.node.attribute_name

@@ -1,4 +1,4 @@
-"""Properties that shaders show: of Attribute nodes of the kinds Object, Instancer and View Layer, and an Object Info node's colour.
+"""Properties that shaders show: of Attribute nodes of the kinds Object, Instancer and View Layer, and of Object Info nodes.
 
 Measured with Cycles of Blender 5.0: which data-blocks are asked in which order, and what numbers of other shapes become.
 """
@@ -17,6 +17,7 @@ from .node_ports import Port
 
 Rgba: TypeAlias = tuple[float, float, float, float]
 
+RANDOM = "Random"  # an output of Object Info nodes
 NOTHING: Rgba = (0.0, 0.0, 0.0, 0.0)
 _MOST_NUMBERS = 4
 _ELEMENT = re.compile(r"\[\d+\]$")  # of an array: Blender's own paths know it, Cycles does not
@@ -27,7 +28,7 @@ def shows_object(port: Port) -> bool:
     node = port.node
     if node.type == "ATTRIBUTE":
         return node.attribute_type in ("OBJECT", "INSTANCER")
-    return node.type == "OBJECT_INFO" and port.socket.name in ("Color", "Alpha")
+    return node.type == "OBJECT_INFO" and port.socket.name in ("Color", "Alpha", RANDOM)
 
 
 def shows_view_layer(port: Port) -> bool:
@@ -41,6 +42,8 @@ def find_shown(faces: Faces | None, port: Port) -> Rgba | None:
         scene = bpy.context.scene
         return find_rgba((bpy.context.view_layer, scene, scene.world), port.node.attribute_name)
     node, blocks = port.node, [faces.shown, getattr(faces.shown, "data", None)]
+    if node.type == "OBJECT_INFO" and port.socket.name == RANDOM:
+        return (faces.random_level,) * 4
     if node.type == "OBJECT_INFO":
         red, green, blue, alpha = (faces.source if faces.is_instance else faces.shown).color
         return red, green, blue, alpha
@@ -60,6 +63,22 @@ def find_rgba(blocks: Iterable[Any], path: str) -> Rgba | None:
     """A property of the first of these data-blocks that has it: a custom one of that name, or one of Blender's own by its path."""
     found = (_to_rgba(_find_value(block, path)) for block in blocks if block is not None)
     return next((rgba for rgba in found if rgba), None)
+
+
+def find_random(name: str) -> float:
+    """[0, 1]: what an Object Info node calls Random on an object of this name that is no instance.
+
+    Source: Blender, intern/cycles/util/hash.h: hash_string, and hash_uint2, the last rounds of Jenkins' lookup3.
+    """
+    key = 0
+    for byte in name.encode():
+        key = (37 * key + byte - 256 * (byte > 127)) % 2**32
+    a, b, c = key, 0, 0
+    a, b, c = ((start + 0xDEADBEEF + (2 << 2) + 13) % 2**32 for start in (a, b, c))
+    for turn in (14, 11, 25, 16, 4, 14, 24):
+        c = ((c ^ b) - (b << turn | b >> 32 - turn)) % 2**32
+        a, b, c = b, c, a
+    return b / (2**32 - 1)
 
 
 def _find_value(block: Any, path: str) -> Any:

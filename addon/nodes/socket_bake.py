@@ -21,6 +21,7 @@ from .color_attributes import Faces
 from .images_read import ImageTable
 from .node_colors import WHITE, Color, to_rgb
 from .node_ports import Port
+from .object_attributes import RANDOM
 from .polygon_atlas import BakedLayer, PolygonAtlas, lay_polygons
 
 TOO_MANY = "takes long to evaluate, so it is replaced by its mean"
@@ -29,9 +30,9 @@ _MOST_TEXELS = 1 << 20  # of one mesh
 _SECONDS = 120.0  # of processors' time, for all of one export
 _SAMPLES = 4  # of each texel
 _NAME, _UV = "leaflight evaluation", "leaflight evaluation"
-# What depends on who looks, or on what a copy of the object has not: its name, its particles.
-_UNFIT = ("LIGHT_PATH", "FRESNEL", "LAYER_WEIGHT", "CAMERA", "PARTICLE_INFO", "HAIR_INFO")
-_BY_OBJECT = ("OBJECT_INFO", "NEW_GEOMETRY")
+# What depends on who looks, or on what a copy of the object has not: its particles; and what EEVEE alone knows.
+_UNFIT = ("LIGHT_PATH", "FRESNEL", "LAYER_WEIGHT", "PARTICLE_INFO", "HAIR_INFO", "SHADERTORGB")
+_BY_OBJECT = ("OBJECT_INFO", "NEW_GEOMETRY", "CAMERA")
 
 
 @dataclass
@@ -49,17 +50,20 @@ class SocketBaker:
         assert atlas is not None
         return atlas.uv
 
-    def bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool = False) -> Color | None:
+    def bake(
+        self, port: Port, material: Any, faces: Faces, by_object: bool, by_random: bool = False, is_normal: bool = False
+    ) -> Color | None:
         """The colour that an output gives on the faces' mesh; None where Blender cannot tell.
 
         by_object   whether it differs between objects of one mesh
+        by_random   whether it differs by their random number
         is_normal   whether it is a direction, of which a lightmap shows less detail
         """
         if self._spent_s > _SECONDS:
             return None
         begin = time.process_time()
         try:
-            return self._bake(port, material, faces, by_object, is_normal)
+            return self._bake(port, material, faces, by_object, by_random, is_normal)
         finally:
             self._spent_s += time.process_time() - begin
 
@@ -67,13 +71,14 @@ class SocketBaker:
     def is_out_of_time(self) -> bool:
         return self._spent_s > _SECONDS
 
-    def _bake(self, port: Port, material: Any, faces: Faces, by_object: bool, is_normal: bool) -> Color | None:
+    def _bake(self, port: Port, material: Any, faces: Faces, by_object: bool, by_random: bool, is_normal: bool) -> Color | None:
         matrix = np.eye(4) if faces.matrix is None else np.asarray(faces.matrix)
         key = (id(faces.local), is_normal, *((faces.source.session_uid, faces.shown.original.session_uid) if by_object else ()))
         if key not in self._atlases:
             self._atlases[key] = lay_polygons(faces.local, matrix[:3, :3], _NORMALS_PER_M if is_normal else _TEXELS_PER_M, _MOST_TEXELS)
         atlas = self._atlases[key]
-        asked = (material.session_uid, port.socket.identifier, port.node.as_pointer(), *(group.as_pointer() for group in port.groups), key)
+        node = (port.node.as_pointer(), *(group.as_pointer() for group in port.groups))
+        asked = (material.session_uid, port.socket.identifier, node, faces.random_level if by_random else 0.0, key)
         if asked not in self._known:
             self._known[asked] = None if atlas is None else self._evaluate(port, material, faces, matrix, atlas, key)
         return self._known[asked]
@@ -101,11 +106,25 @@ def can_evaluate(port: Port) -> bool:
 
 def depends_on_object(port: Port) -> bool:
     """Whether an output may differ between objects that share a mesh."""
-    return any(node.type in _BY_OBJECT or (node.type == "TEX_COORD" and node.object) for node in _walk_sources(port))
+    return any(node.type in _BY_OBJECT or (node.type == "TEX_COORD" and _leaves_object(node)) for node in _walk_sources(port))
+
+
+def depends_on_random(port: Port) -> bool:
+    """Whether an output may differ by objects' random numbers."""
+    return any(map(_shows_random, _walk_sources(port)))
+
+
+def _leaves_object(node: Any) -> bool:
+    """Whether texture coordinates are those of another object, or of the camera."""
+    return node.object is not None or any(node.outputs[name].is_linked for name in ("Camera", "Window"))
+
+
+def _shows_random(node: Any) -> bool:
+    return node.type == "OBJECT_INFO" and node.outputs[RANDOM].is_linked
 
 
 def _is_unfit(node: Any) -> bool:
-    if node.type in _UNFIT or (node.type == "OBJECT_INFO" and node.outputs["Random"].is_linked):
+    if node.type in _UNFIT or (_shows_random(node) and not node.id_data.is_embedded_data):
         return True
     return node.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and (node.image is None or (not node.image.has_data and not all(node.image.size)))
 
@@ -139,6 +158,7 @@ def bake_socket(port: Port, material: Any, faces: Faces, matrix: NDArray[np.floa
         mesh.uv_layers[layer.name].data.foreach_set("uv", atlas.uv.astype(np.float32).ravel())
         image = copies.keep(bpy.data.images, bpy.data.images.new(_NAME, atlas.width, atlas.height, float_buffer=True, is_data=True))
         copy = copies.copy_material(material)
+        _fix_random(copy.node_tree, faces.random_level)
         if not _show_output(copy, port, image, copies):
             return None
         mesh.materials.clear()
@@ -153,6 +173,15 @@ def bake_socket(port: Port, material: Any, faces: Faces, matrix: NDArray[np.floa
         image.pixels.foreach_get(flat)
     pixels = np.nan_to_num(flat.reshape(atlas.height, atlas.width, 4)[..., :3], posinf=0.0, neginf=0.0)
     return np.ascontiguousarray(pixels)
+
+
+def _fix_random(tree: Any, random: float) -> None:
+    """Has a tree show this random number: Cycles takes that of an object by its name, and a copy has another one."""
+    for node in [node for node in tree.nodes if _shows_random(node)]:
+        value = tree.nodes.new("ShaderNodeValue")
+        value.outputs[0].default_value = random
+        for link in list(node.outputs[RANDOM].links):
+            tree.links.new(value.outputs[0], link.to_socket)
 
 
 def _show_output(material: Any, port: Port, image: Any, copies: _Copies) -> bool:
@@ -207,7 +236,11 @@ def _bake_emission(obj: Any, copies: _Copies) -> bool:
     scene.cycles.use_adaptive_sampling = False
     scene.render.bake.margin, scene.render.bake.margin_type, scene.render.bake.use_clear = 2, "EXTEND", True
     scene.render.bake.target = "IMAGE_TEXTURES"
-    scene.frame_set(bpy.context.scene.frame_current)
+    shown = bpy.context.scene
+    scene.frame_set(shown.frame_current)
+    scene.camera = shown.camera
+    for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
+        setattr(scene.render, name, getattr(shown.render, name))
     scene.collection.objects.link(obj)
     view_layer = scene.view_layers[0]
     view_layer.objects.active = obj

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..nodes.object_attributes import find_random
 from .render_levels import find_hidden_instances, find_render_objects, find_set_objects
 
 PieceKey = tuple[int, ...]  # source uid, evaluated object's uid, then the instance's persistent id
@@ -31,6 +32,7 @@ class Piece:
     source      original object of the scene that it is, or that makes it
     evaluated   evaluated object with the data, of type MESH or LIGHT; of kind STRANDS also CURVES or POINTCLOUD
     matrix      (4, 4) float64, object to world
+    random      [0, 1], what an Object Info node calls Random
     hair        which of its modifiers makes the strands of a mesh, -1 none
     """
 
@@ -39,6 +41,7 @@ class Piece:
     source: Any
     evaluated: Any
     matrix: NDArray[np.float64]
+    random: float
     hair: int = -1
 
     @property
@@ -63,6 +66,7 @@ def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
         identity = tuple(instance.persistent_id) if instance.is_instance else ()
         key = (source.session_uid, original.session_uid, *identity)
         matrix = np.array(instance.matrix_world, np.float64)
+        random = (instance.random_id % 2**32) / (2**32 - 1) if instance.is_instance else find_random(source.name)
         if kind == SCATTER and not instance.particle_system and original.hide_render:
             continue
         if kind == COLLECTION:
@@ -72,12 +76,12 @@ def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
                 continue
         if instance.show_particles and evaluated.type == "MESH" and view_layer.use_strand:
             for number in _list_hair(evaluated):  # which grows on an object that is not shown itself, too
-                yield Piece((*key, -1 - number), STRANDS, source, evaluated, matrix, number)
+                yield Piece((*key, -1 - number), STRANDS, source, evaluated, matrix, random, number)
         if evaluated.type == "CURVES" and not view_layer.use_strand:
             continue
         if not instance.show_self or (kind == OWN and _is_hidden_original(source)):
             continue
-        yield Piece(key, STRANDS if evaluated.type in _STRANDED else kind, source, evaluated, matrix)
+        yield Piece(key, STRANDS if evaluated.type in _STRANDED else kind, source, evaluated, matrix, random)
 
 
 def _list_hair(evaluated: Any) -> list[int]:

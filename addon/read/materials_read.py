@@ -56,21 +56,22 @@ class MaterialTable:
         self.readings: list[MaterialReading] = []
         self.asked = list_wanted_attributes()
         self._warnings = warnings
-        self._index: dict[tuple[int, ...], int] = {}  # by material and mesh, 0 any; or material, object and what it makes an instance of
+        self._index: dict[tuple[float, ...], int] = {}  # by material and mesh, 0 any; or material, object and what it makes an instance of
         self._known: dict[tuple[int, MaterialReading], int] = {}
 
     def index(self, material: Any, faces: Faces | None = None) -> int:
         """Where a material (or None, an empty slot) is in `readings`, as these faces wear it."""
         uid = material.session_uid if material else 0
         of_any, of_mesh, of_object = (uid, 0), (uid, id(faces.local) if faces else 0), (uid, *_identify(faces))
-        known = next((place for place in (of_any, of_mesh, of_object) if place in self._index), None)
+        of_random = (*of_object, faces.random_level) if faces else of_object
+        known = next((place for place in (of_any, of_mesh, of_object, of_random) if place in self._index), None)
         if known is None:
             reader = ColorReader(self.images, faces, self.colors, self.baker, material)
             reading = self._read(reader, material)
             if (uid, reading) not in self._known:
                 self._known[uid, reading] = len(self.readings)
                 self.readings.append(reading)
-            known = of_object if reader.by_object else of_mesh if reader.by_faces else of_any
+            known = of_random if reader.by_random else of_object if reader.by_object else of_mesh if reader.by_faces else of_any
             self._index[known] = self._known[uid, reading]
         return self._index[known]
 

@@ -150,11 +150,22 @@ def test_objects_of_one_mesh_and_material_differ():
     assert len(snapshot.materials) == 2, "those that look alike are one"
 
 
-def test_what_else_object_info_tells_is_replaced_by_a_grey():
-    add_glow(node_type="ShaderNodeObjectInfo", output="Random")
-    glow, told = read_glow()
-    assert glow["Square"] == [0.5, 0.5, 0.5]
-    assert "replaced by a grey of 0.5" in told
+@pytest.mark.parametrize("is_instance", [False, True])
+def test_the_random_number_of_object_info_is_cycles_own(is_instance, tmp_path):
+    obj = add_glow(node_type="ShaderNodeObjectInfo", output="Random")
+    obj.name = "Chair"
+    if is_instance:
+        instance(obj)
+    (glow,), told = read_glow()[0].values(), read_glow()[1]
+    assert told == ""
+    assert glow == pytest.approx(render_glow(tmp_path), abs=1 / 128)
+
+
+def test_instances_have_random_numbers_of_their_own():
+    first = instance(add_glow(node_type="ShaderNodeObjectInfo", output="Random"))
+    second = first.copy()
+    bpy.context.scene.collection.objects.link(second)
+    assert len({tuple(glow) for glow in read_glow()[0].values()}) == 2
 
 
 def test_a_property_may_be_the_view_layers(tmp_path):

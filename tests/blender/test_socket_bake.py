@@ -7,6 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 from blend_rooms import add_mesh, make_material
 from leaflight.addon.nodes import socket_bake
+from leaflight.addon.nodes.object_attributes import find_random
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.normal_maps import NormalMaps
@@ -161,6 +162,40 @@ def test_each_object_has_the_colour_of_its_place():
     result = export_scene(bpy.context)
     assert probe(result, "First", [(1.0, 0.3)])[0, 0] == pytest.approx(0.05, abs=0.002)
     assert probe(result, "Second", [(11.0, 0.3)])[0, 0] == pytest.approx(0.55, abs=0.002)
+
+
+def test_coordinates_of_the_camera_are_those_of_the_scenes_own():
+    _, tree, shader = add_material(add_floor())
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.location = (-8.0, 0.0, 5.0)
+    bpy.context.scene.collection.objects.link(camera)
+    bpy.context.scene.camera = camera
+    coordinates, split, scale = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "Math"))
+    scale.operation, scale.inputs[1].default_value = "MULTIPLY", 0.05
+    tree.links.new(coordinates.outputs["Camera"], split.inputs[0])
+    tree.links.new(split.outputs["X"], scale.inputs[0])
+    tree.links.new(scale.outputs[0], shader.inputs["Base Color"])
+    assert probe(export_scene(bpy.context), "Floor", [(1.0, 0.3)])[0, 0] == pytest.approx(0.45, abs=0.002)
+
+
+def test_what_is_made_of_an_objects_random_number_has_it():
+    _, tree, shader = add_material(add_floor("Chair"))
+    info, wires, total = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("ObjectInfo", "Wireframe", "Math"))
+    total.operation = "ADD"
+    tree.links.new(info.outputs["Random"], total.inputs[0])
+    tree.links.new(wires.outputs[0], total.inputs[1])
+    tree.links.new(total.outputs[0], shader.inputs["Base Color"])
+    result = export_scene(bpy.context)
+    assert probe(result, "Chair", [(1.0, 0.3)])[0, 0] == pytest.approx(find_random("Chair"), abs=1 / 128)
+    assert not [text for _, text in result.warnings if "simplified" in text]
+
+
+def test_what_eevee_alone_evaluates_is_named():
+    _, tree, shader = add_material(add_floor())
+    tree.links.new(tree.nodes.new("ShaderNodeShaderToRGB").outputs["Color"], shader.inputs["Base Color"])
+    result = export_scene(bpy.context)
+    assert probe(result, "Floor", [(1.0, 0.3)])[0] == pytest.approx((0.5, 0.5, 0.5), abs=1e-3)
+    assert any("node Shader to RGB is replaced by a grey of 0.5" in text for _, text in result.warnings)
 
 
 def test_modifiers_and_bent_faces_are_where_they_are():
