@@ -168,6 +168,9 @@ class ColorReader:
             return Color(self.read_value(port.socket, default))
         if shows_view_layer(port) or (self.faces is not None and shows_object(port)):
             return _read_property(self, port)
+        if port.node.type == "NEW_GEOMETRY" and port.socket.name == "Backfacing":
+            self.note(f"{describe(port.node)} tells front from back, and both sides are baked as the front")
+            return Color(BLACK)
         reader = _COLOR_READERS.get(port.node.type)
         color = reader(self, port) if reader else read_function(self, port)
         return self.read_unknown(port) if color is None else color
@@ -341,6 +344,9 @@ def _read_property(reader: ColorReader, port: Port) -> Color:
     reader.by_object = reader.by_object or owner is not None
     reader.by_random = reader.by_random or port.socket.name == RANDOM
     rgba = find_shown(owner, port)
+    if not rgba and owner is not None and owner.is_instance and any(one.type == "NODES" for one in owner.source.modifiers):
+        reader.note(f"{describe(port.node)} {REPLACED_BY_GREY}, for what geometry nodes give their instances is not read; realize them")
+        return Color(TEXTURE_COLOR)
     if not rgba:
         name, path = owner.name if owner else "the view layer", port.node.attribute_name
         reader.note(f"{name} has no property {path} of numbers, so it is black there, as in Blender")

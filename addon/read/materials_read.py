@@ -236,9 +236,10 @@ def read_material(reader: ColorReader, material: Any) -> Surface:
         return Surface()
     if output.inputs["Displacement"].is_linked and material.displacement_method != "BUMP":
         reader.note("displacement is left out")
-    if source is None:
-        volume = output.inputs["Volume"].is_linked
+    volume = output.inputs["Volume"].is_linked
+    if volume or source is None:
         reader.note("its volume is left out" if volume else "nothing is connected to its output, so it is black")
+    if source is None:
         return Surface(passing=Color((float(volume),) * 3))
     return read_shader(reader, source)
 

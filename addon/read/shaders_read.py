@@ -375,6 +375,11 @@ def _read_transparent(reader: ColorReader, port: Port) -> Surface:
     return Surface(passing=read_input_color(reader, port, "Color"))
 
 
+def _read_holdout(reader: ColorReader, port: Port) -> Surface:
+    """It reflects nothing and stops all light."""
+    return Surface()
+
+
 def _read_glass(reader: ColorReader, port: Port) -> Surface:
     color = read_input_color(reader, port, "Color")
     return Surface(glass=color, bending=_read_bending(reader, port, color.mean, True))
@@ -437,5 +442,6 @@ _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "BSDF_ANISOTROPIC": _read_glossy,
     "BSDF_METALLIC": _read_metallic,
     "BSDF_GLASS": _read_glass,
+    "HOLDOUT": _read_holdout,
     "BSDF_REFRACTION": _read_refraction,
 }

@@ -477,6 +477,25 @@ def test_subsurface_light_is_diffuse_and_one_warning_says_so(shader):
     assert "below the surface" in warning
 
 
+def test_a_holdout_is_black():
+    reading, _, warning = (tree := Tree()).show(tree.add("Holdout")).read()
+    assert (reading.material.albedo_rgb, reading.material.passing_rgb, warning) == ((0.0,) * 3, (0.0,) * 3, "")
+
+
+def test_a_volume_below_a_surface_and_a_side_that_is_not_read_are_named():
+    tree = Tree()
+    side = tree.add("NewGeometry").outputs["Backfacing"]
+    mixed = tree.add("MixShader")
+    tree.tree.links.new(side, mixed.inputs[0])
+    for socket, rgb in zip(mixed.inputs[1:], ((0.9, 0.1, 0.1), (0.1, 0.1, 0.9)), strict=True):
+        tree.tree.links.new(tree.add("BsdfDiffuse", Color=rgb).outputs[0], socket)
+    tree.tree.links.new(tree.add("VolumeAbsorption").outputs[0], tree.output.inputs["Volume"])
+    reading, _, warning = tree.show(mixed).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.9, 0.1, 0.1))
+    assert "tells front from back" in warning
+    assert "its volume is left out" in warning
+
+
 def test_no_output_and_nothing_connected_are_black():
     tree = Tree()
     reading, _, warning = tree.read()

@@ -138,6 +138,24 @@ def test_the_colour_of_object_info_is_the_viewports(is_instance, expected, tmp_p
     assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)
 
 
+def test_what_geometry_nodes_may_give_their_instances_is_grey_and_named():
+    obj = add_glow("INSTANCER")
+    group = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupOutput", "GeometryNodeMeshLine", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints")
+    end, line, info, scatter = (group.nodes.new(kind) for kind in kinds)
+    info.inputs["Object"].default_value = obj
+    group.links.new(line.outputs[0], scatter.inputs["Points"])
+    group.links.new(info.outputs["Geometry"], scatter.inputs["Instance"])
+    group.links.new(scatter.outputs[0], end.inputs[0])
+    holder = bpy.data.objects.new("Holder", bpy.data.meshes.new("Nothing"))
+    holder.modifiers.new("Scatter", "NODES").node_group = group
+    bpy.context.scene.collection.objects.link(holder)
+    glow, told = read_glow()
+    assert [0.5, 0.5, 0.5] in glow.values()
+    assert "what geometry nodes give their instances is not read" in told
+
+
 def test_objects_of_one_mesh_and_material_differ():
     obj = add_glow()
     obj["x"] = 0.3
