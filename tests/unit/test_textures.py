@@ -100,6 +100,19 @@ def test_many_images_are_looked_up_as_each_alone(count, lie_together):
         np.testing.assert_array_equal(found[image == number], sample_texture(own, uv[image == number]))
 
 
+@pytest.mark.parametrize("closest", [False, True])
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_the_edge_of_an_image_never_shows_the_next_one(extension, closest):
+    """Where rounding gives a place past the last texel, too."""
+    images = [TextureImage(str(value), np.full((300, 300, 3), value, np.float32), extension, closest) for value in (0.25, 0.75)]
+    ends = (0.0, np.nextafter(np.float32(1), np.float32(0)), 1.0, -1e-9)
+    uv = np.float32(list(itertools.product(ends, ends)))
+    for number, value in enumerate((0.25, 0.75)):
+        found = Textures(images).at(np.full(len(uv), number), uv)
+        shown = found if extension != "CLIP" else found.max(axis=0)  # beyond the image that shows nothing
+        np.testing.assert_allclose(shown, value if extension != "CLIP" or closest else value / 4, rtol=1e-3)
+
+
 def test_colours_are_clamped_and_odd_ones_are_black():
     values = np.float32([[-1.0, 0.5, 2.0], [np.nan, np.inf, -np.inf]])
     np.testing.assert_array_equal(clamp_colours(values, 0.75), np.float32([[0, 0.5, 0.75], [0, 0, 0]]))
