@@ -13,6 +13,7 @@ from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, Tex
 from leaflight.core.transport import photon_log, photons
 from leaflight.core.transport.emission_cells import BINS, BirthCells
 from leaflight.core.util import geometry, sampling
+from scenes import Mesh, box_mesh, make_scene
 
 N = 40_000
 GREY = Material("Grey", (0.5, 0.5, 0.5))
@@ -38,38 +39,17 @@ class Lamp:
 
 def _cube(outwards: bool = False) -> np.ndarray:
     """(12, 3, 3) m: side 1, two triangles per face in the order -x +x -y +y -z +z, seen from inside unless told otherwise."""
-    faces = []
-    for axis in range(3):
-        for side in (-0.5, 0.5):
-            a, b = np.eye(3)[(axis + 1) % 3] - 0.5 * np.ones(3), np.eye(3)[(axis + 2) % 3] - 0.5 * np.ones(3)
-            low, high = -0.5 * np.ones(3), a + b + 0.5
-            corner = np.array([low, a, high, b])
-            corner[:, axis] = side
-            if (side > 0) != outwards:
-                corner = corner[::-1]
-            faces += [corner[[0, 1, 2]], corner[[0, 2, 3]]]
-    return np.array(faces)
+    box = box_mesh()
+    faces = [box.polygons[face][:: 1 if outwards else -1] for face in (4, 5, 2, 3, 0, 1)]
+    return make_scene([dataclasses.replace(box, polygons=faces)]).tri_position
 
 
 def _snapshot(corners, surfaces=(GREY,), tri_material=None, **changes) -> SceneSnapshot:
     n = len(corners)
-    none = np.zeros(n, np.int32)
-    normal = geometry.triangle_normals_areas(corners)[0]
-    plain = {
-        "vertex_position": np.reshape(corners, (-1, 3)).astype(np.float64),
-        "tri_vertex": np.arange(3 * n, dtype=np.int32).reshape(n, 3),
-        "tri_object": none,
-        "tri_material": none if tri_material is None else np.array(tri_material, np.int32),
-        "tri_polygon": none,
-        "tri_corner": np.zeros((n, 3), np.int32),
-        "tri_normal": np.repeat(normal[:, None], 3, axis=1).astype(np.float32),
-        "tri_uv": np.zeros((n, 3, 2)),
-        "tri_albedo_uv": np.tile(np.float32([[0, 0], [1, 0], [0, 1]]), (n, 1, 1)),
-        "tri_emission_uv": np.zeros((n, 3, 2), np.float32),
-        "objects": (SceneObject("Room"),),
-        "materials": surfaces,
-    }
-    return SceneSnapshot(**(plain | changes))
+    scene = make_scene([Mesh("Room", corners.reshape(-1, 3), np.arange(3 * n).reshape(n, 3).tolist())])
+    material = scene.tri_material if tri_material is None else np.array(tri_material, np.int32)
+    uv = np.tile(np.float32([[0, 0], [1, 0], [0, 1]]), (n, 1, 1))
+    return dataclasses.replace(scene, materials=surfaces, tri_material=material, tri_albedo_uv=uv, **changes)
 
 
 def _white_lamp(watts: float = 12.0, **options) -> Lamp:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import pickle
 import subprocess
 import sys
@@ -10,28 +11,16 @@ import pytest
 from known_light import interpolate_corners
 from leaflight.core.scene import rays
 from leaflight.core.util import geometry, sampling
+from scenes import box_mesh, make_scene, sphere_mesh
 
 TRIANGLE = np.array([[[0, 0, 0], [0.5, 0, 0], [0, 0.25, 0]]], np.float32)
 DOWN = np.array([[0, 0, -1]], np.float32)
 
-
-def _box(side: float, turn_rad: float) -> np.ndarray:
-    corner = side * (np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]) - 0.5)
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    corner = corner @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    return corner[[[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)]].astype(np.float32)
-
-
-def _sphere(n: int) -> np.ndarray:
-    theta, phi = np.linspace(0, np.pi, n + 1), np.linspace(0, 2 * np.pi, 2 * n + 1)
-    grid = 0.5 * np.stack(
-        [np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)), np.outer(np.cos(theta), phi * 0 + 1)], 2
-    )
-    grid[:, -1] = grid[:, 0]
-    grid[[0, -1]] = grid[[0, -1], :1]
-    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-    return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))]).astype(np.float32)
+TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+BOX, SPHERE = (
+    make_scene([mesh]).tri_position.astype(np.float32)
+    for mesh in (dataclasses.replace(box_mesh(), vertex=0.57 * box_mesh().vertex @ TURN), sphere_mesh(rings=24, segments=48, radius_m=0.5))
+)
 
 
 def test_u_weighs_corner_1_and_v_corner_2():
@@ -123,7 +112,7 @@ def test_little_memory_is_told_where_embree_would_end_the_process(loaded, n_tria
 
 
 def test_rays_aimed_at_edges_hardly_slip_between_triangles():
-    corners = _sphere(24)
+    corners = SPHERE
     rng = np.random.default_rng(4)
     tri, along = rng.integers(0, len(corners), 100_000), rng.random((100_000, 1), np.float32).round(1)
     on_edge = corners[tri, 0] * along + corners[tri, 1] * (1 - along)
@@ -147,7 +136,7 @@ def _count_self_hits(corners, offset, n):
     return int((scene.closest(landed + np.float32(offset) * normal, direction).tri == first.tri).sum())
 
 
-@pytest.mark.parametrize(("corners", "n"), [(_box(0.57, 0.6), 200_000), (_sphere(24), 200_000)])
+@pytest.mark.parametrize(("corners", "n"), [(BOX, 200_000), (SPHERE, 200_000)])
 def test_no_ray_meets_the_triangle_it_starts_from(corners, n):
     assert _count_self_hits(corners, geometry.ORIGIN_OFFSET, n) == 0
     assert _count_self_hits(corners, 0.0, 10_000) > 0
