@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -26,7 +27,7 @@ class Preparation:
         self.holds, self.is_long = True, False
 
     def advance(self, seconds: float) -> Session | None:
-        """Work for about so many seconds of this thread's processor; gives the session once it is there.
+        """Work for about so many seconds of this thread's processor, or without a pause; gives the session once it is there.
 
         By the clock, little or nothing would be done on a machine that is busy, where Blender takes seconds between two calls.
 
@@ -36,7 +37,7 @@ class Preparation:
             self.give_back()
         sent = self._steps is not None or None
         self._steps = self._steps or self._begin()
-        until = time.thread_time() + seconds
+        until, is_whole = time.thread_time() + seconds, self._is_whole or seconds == math.inf
         while True:
             try:
                 pause = self._steps.send(sent)
@@ -44,9 +45,9 @@ class Preparation:
                 session: Session = end.value
                 return session
             self.holds, self.is_long = pause not in (Pause.FREE, Pause.ASIDE), pause is Pause.LONG
-            if not self._is_whole and (pause in (Pause.WAIT, Pause.LONG, Pause.ASIDE) or time.thread_time() >= until):
+            if not is_whole and (pause in (Pause.WAIT, Pause.LONG, Pause.ASIDE) or time.thread_time() >= until):
                 break
-            sent = None if self._is_whole else False
+            sent = None if is_whole else False
         self._seen = self._version()
         return None
 

@@ -186,3 +186,14 @@ def test_where_only_a_thread_works_blender_goes_on():
         return "read"
 
     assert Preparation(work, lambda: 0).advance(1.0) is None
+
+
+@pytest.mark.parametrize("pause", list(Pause))
+def test_a_script_waits_for_the_whole_scene(pause):
+    """It has no timer that goes on later."""
+
+    def work():
+        assert (yield pause) is None
+        return "read"
+
+    assert Preparation(work, lambda: 0).advance(float("inf")) == "read"
