@@ -90,9 +90,9 @@ class _Search:
         self.shared = np.zeros((snapshot.n_tri, 3), bool)
         self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
         self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
-        self._worn = self._find_worn()
+        self._owner_of = self._find_owners()
         self._unwrapped: dict[int, tuple[Int64, Float64, BoolArray]] = {}  # charts by their owner
-        owners = [self._worn.get(i, (i, 1.0))[0] for i in self._unlayered()]
+        owners = [self._owner_of.get(i, (i, 1.0))[0] for i in self._unlayered()]
         self._to_begin = deque(dict.fromkeys(owners))
         self._begun: deque[tuple[list[int], PendingCharts]] = deque()  # owners of each request
         receiving = np.array([one.receives for one in snapshot.objects], bool)
@@ -105,11 +105,11 @@ class _Search:
 
     def unwrap(self, i: int) -> int:
         """Find the charts of an object and return their number."""
-        owner, size = self._worn.get(i, (i, 1.0))
+        owner, size = self._owner_of.get(i, (i, 1.0))
         while owner not in self._unwrapped:
             self._unfold_more(i)
         chart, uv, shared = self._unwrapped[owner]
-        if i not in self._worn:
+        if i not in self._owner_of:
             return self._keep(i, *self._unwrapped.pop(i))
         corner = self.snapshot.tri_corner
         uv, shared = follow_charts(corner[self._rows(i)], corner[self._rows(owner)], uv, shared)
@@ -145,15 +145,15 @@ class _Search:
     def _unlayered(self) -> list[int]:
         return [i for i, one in enumerate(self.snapshot.objects) if one.receives and not one.has_layer]
 
-    def _find_worn(self) -> dict[int, tuple[int, float]]:
+    def _find_owners(self) -> dict[int, tuple[int, float]]:
         """For each object with shared charts: their owner, which may be the object itself, and the object's size relative to the owner."""
-        led = {i: (block.members[0], float(size)) for block in self.blocks for i, size in zip(block.members, block.size, strict=True)}
-        copies = find_copies(self.snapshot, self._vertex, [i for i in self._unlayered() if led.get(i, (i,))[0] == i])
-        worn = {leader: (leader, 1.0) for leader, _ in copies.values()}
-        for i, (leader, size) in [*copies.items(), *led.items()]:
-            owner, of_leader = copies.get(leader, (leader, 1.0))
-            worn[i] = owner, size * of_leader
-        return worn
+        in_block = {i: (block.members[0], float(size)) for block in self.blocks for i, size in zip(block.members, block.size, strict=True)}
+        copies = find_copies(self.snapshot, self._vertex, [i for i in self._unlayered() if in_block.get(i, (i,))[0] == i])
+        owner_of = {leader: (leader, 1.0) for leader, _ in copies.values()}
+        for i, (leader, size) in [*copies.items(), *in_block.items()]:
+            owner, size_of_leader = copies.get(leader, (leader, 1.0))
+            owner_of[i] = owner, size * size_of_leader
+        return owner_of
 
     def _unfold_more(self, waiting: int) -> None:
         """Wait for the charts of the first pending request and store them."""

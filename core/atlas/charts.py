@@ -15,7 +15,6 @@ from ..util.arrays import Float64, Int32, Int64
 from ..util.messages import Status
 from ..util.progress import Watch, unwatched
 from ..util.settings import MAX_PAGE_SIZE_TEXELS, Settings
-from .blocks import BlockLayout, join_outlines, lay_block, outline_block
 from .chart_cache import ChartCache
 from .chart_search import find_charts
 from .density_search import find_greatest_density
@@ -23,6 +22,7 @@ from .even_out import even_out
 from .outlines import Outlines
 from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
 from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
+from .sharing import BlockLayout, join_outlines, lay_block, outline_block
 
 _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
@@ -84,7 +84,7 @@ class _Packed:
 
 
 @dataclass
-class _Worn:
+class _BlockState:
     """The layout of a block.
 
     smallest, largest   objects of the block
@@ -119,11 +119,11 @@ class _AtlasMaker:
         self.object_block = np.full(count, -1, np.int32)
         self.object_place = np.tile(np.array([1.0, 1.0, 0.0, 0.0]), (count, 1))
         self.size = np.ones(count)  # size in metres over that of the block's smallest object; `scale` is the same in texels
-        self.worn: list[_Worn] = []
+        self.blocks: list[_BlockState] = []
         for number, block in enumerate(self.found.blocks):
             members = np.array(block.members)
             self.object_block[members], self.size[members] = number, block.size / block.size.min()
-            self.worn.append(_Worn(int(members[block.size.argmin()]), int(members[block.size.argmax()])))
+            self.blocks.append(_BlockState(int(members[block.size.argmin()]), int(members[block.size.argmax()])))
         # If each object has a page of its own, a block has the same size on all of them.
         self.scale = self.size if settings.atlas or settings.density > 0 else np.ones(count)
 
@@ -175,8 +175,8 @@ class _AtlasMaker:
         """Remove all pages and set the density, texels/m; 0 for the greatest that fits."""
         self.page_count = 0
         self.density[:] = density
-        for worn in self.worn:
-            worn.alone = None
+        for block in self.blocks:
+            block.alone = None
 
     def _pack_by_page_size(self, objects: list[int]) -> None:
         """Pack on one page at the greatest density that fits, or on several pages if that is too low."""
@@ -284,12 +284,12 @@ class _AtlasMaker:
 
     def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
         """The layout of an object's block, and its outline in metres of the smallest object; None if it does not fit a page."""
-        worn = self.worn[int(self.object_block[i])]
-        if worn.laid is None or worn.laid[0].density != density:
-            outlines = self._select([worn.smallest])
+        block = self.blocks[int(self.object_block[i])]
+        if block.laid is None or block.laid[0].density != density:
+            outlines = self._select([block.smallest])
             layout = lay_block(outlines, density, self.page)
-            worn.laid = None if layout is None else (layout, outline_block(outlines, layout))
-        return worn.laid
+            block.laid = None if layout is None else (layout, outline_block(outlines, layout))
+        return block.laid
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
         """Place objects on a page at the greatest density; raises _PageTooSmallError if they do not fit."""
@@ -323,10 +323,10 @@ class _AtlasMaker:
 
     def _make_blocks_fit(self) -> None:
         """Lower the density of all objects of a block whose largest object does not fit a page."""
-        for worn, block in zip(self.worn, self.found.blocks, strict=True):
-            shapes = self._shape(worn.largest)
+        for state, block in zip(self.blocks, self.found.blocks, strict=True):
+            shapes = self._shape(state.largest)
             if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
-                self.density[list(block.members)] = self._fit([worn.largest], -1).density
+                self.density[list(block.members)] = self._fit([state.largest], -1).density
                 if self.settings.density > 0:
                     for i in block.members:
                         self._warn_less_dense(i, float(self.density[i]))
@@ -346,9 +346,9 @@ class _AtlasMaker:
         elif self.object_block[i] < 0:
             self._pack_less_dense(i)
         else:
-            worn = self.worn[int(self.object_block[i])]
-            worn.alone = worn.alone or self._fit([worn.smallest], -1)
-            self._apply(dataclasses.replace(worn.alone, objects=[i], page=self._new_page()))
+            block = self.blocks[int(self.object_block[i])]
+            block.alone = block.alone or self._fit([block.smallest], -1)
+            self._apply(dataclasses.replace(block.alone, objects=[i], page=self._new_page()))
 
     def _pack_less_dense(self, i: int) -> None:
         packed = self._fit([i], self._new_page())

@@ -1,10 +1,12 @@
-"""Sharing of charts: between objects with a common mesh and similar shapes and sizes (blocks), and between copies of a mesh."""
+"""Sharing of charts between copies of a mesh, and between objects with a common mesh and similar shapes and sizes. The latter are blocks:
+their charts are packed once, then moved and scaled as one.
+"""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, insort
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from operator import itemgetter
@@ -12,8 +14,10 @@ from operator import itemgetter
 import numpy as np
 
 from ..scene.scene import SceneSnapshot
-from ..util.arrays import BoolArray, Float64, FloatArray, IntArray
+from ..util.arrays import BoolArray, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
+from .outlines import Outlines
+from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
 
 MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges relative to its charts'; beyond it texels are needles
 MAX_SIZE_RATIO = 4.0  # greatest ratio of sizes to the owner of the charts, either way; gaps are as wide as the smallest object needs
@@ -143,3 +147,76 @@ def _log_lengths(tri_position: FloatArray, tri_corner: IntArray) -> Float64:
     position = np.take_along_axis(tri_position[::step], order[:, :, None], axis=1)
     length = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).ravel()
     return np.log(np.maximum(length, _SHORTEST * length.max()))
+
+
+_WIDTHS = (0.6, 0.75, 0.95, 1.2)  # candidate widths, relative to the side of a square of the same area as the charts' boxes with padding
+
+
+@dataclass(frozen=True)
+class BlockLayout:
+    """The packing of a block at the density of its smallest object.
+
+    density   texels/m
+    low       (2,) float64, texels: lower left corner in the placement
+    side      (2,) float64, texels: width and height
+    """
+
+    density: float
+    shapes: Shapes
+    placement: Placement
+    low: Float64
+    side: Float64
+
+    def place(self, points: Float64, chart: Int64) -> Float64:
+        """(n, k, 2) float64: points of charts, in texels of the block.
+
+        points   (n, k, 2) float64, m, as in the outlines
+        chart    (n,) int64
+        """
+        return place_uv(points, chart, self.density, self.shapes, self.placement) - self.low
+
+
+def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | None:
+    """The smallest packing found for the charts of a block's smallest object; None if they do not fit a page.
+
+    The gaps are a texel wider than the padding, since a block may be placed at fractions of a texel.
+    """
+    inner = Page(page.size + 2, page.padding + 1)
+    if not fits_alone(outlines, density, inner):
+        return None
+    shapes = shape_charts(outlines, density, inner)
+    room = math.sqrt(float((shapes.side + inner.padding).prod(axis=1).sum()))
+    widest = inner.inside // inner.step
+    found: list[BlockLayout] = []
+    for columns in sorted({min(widest, max(1, round(room * share / inner.step))) for share in _WIDTHS}):
+        placement = place_charts(shapes, np.full(columns + 2 * inner.reach, -inner.padding, np.int32))
+        if placement is not None:
+            found.append(_measure_layout(outlines, density, shapes, placement))
+    return min(found, key=lambda layout: float((layout.side + page.padding).prod()), default=None)
+
+
+def outline_block(outlines: Outlines, layout: BlockLayout) -> Outlines:
+    """The block as one outline that must not be turned, in metres of its smallest object."""
+    edge = layout.place(outlines.edge, outlines.edge_chart) / layout.density
+    extent, area = layout.side[None] / layout.density, outlines.area.sum(keepdims=True)
+    return Outlines(edge, np.array([0, len(edge)]), extent, area, np.ones(1, bool))
+
+
+def _measure_layout(outlines: Outlines, density: float, shapes: Shapes, placement: Placement) -> BlockLayout:
+    placed = place_uv(outlines.edge, outlines.edge_chart, density, shapes, placement)
+    low = placed.min(axis=(0, 1))
+    return BlockLayout(density, shapes, placement, low, placed.max(axis=(0, 1)) - low)
+
+
+def join_outlines(parts: Sequence[Outlines]) -> Outlines:
+    """The outlines of all parts, concatenated."""
+    counts = [0, *(len(part.edge) for part in parts)]
+    first = np.cumsum(counts)
+    start = [part.start[:-1] + before for part, before in zip(parts, first[:-1], strict=True)]
+    return Outlines(
+        np.concatenate([part.edge for part in parts]),
+        np.append(np.concatenate(start), first[-1]),
+        np.concatenate([part.extent for part in parts]),
+        np.concatenate([part.area for part in parts]),
+        np.concatenate([part.rigid for part in parts]),
+    )

@@ -26,7 +26,7 @@ from ..lights.direct_points import (
     light_points,
     random_shift,
 )
-from ..lights.stratified_choice import Demand, Span, gather_until_sure
+from ..lights.stratified_choice import Demand, Span, sample_adaptively
 from ..scene.coincident_faces import CoincidentFaces
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
@@ -125,7 +125,7 @@ def gather_light(
     for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
         rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
-        light, error, traced = gather_until_sure(gathering.look, rows, Demand(tolerance), base)
+        light, error, traced = sample_adaptively(gathering.look, rows, Demand(tolerance), base)
         irradiance[part] += light
         variance[part] += error
         doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)

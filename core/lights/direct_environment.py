@@ -19,7 +19,7 @@ from ..util.sphere_map import find_solid_angles
 from .direct_lights import INFINITE, Aim
 from .direct_points import LIGHT_PLACE, MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
 from .environment_table import EnvironmentTable, PatchChoice
-from .stratified_choice import BLOCK_TEXELS, Demand, Span, gather_until_sure, sum_regions
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, sample_adaptively, sum_regions
 
 _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior
 _AROUND_RAYS = 4.0  # weight of that prior, in rays to a sector
@@ -87,7 +87,7 @@ class EnvironmentLight:
             (self.few, dark, (np.where(is_few, mean[block], 0.0), np.where(is_few, square[block], 0.0))),
         ):
             by_two = None if foreseen else gain
-            found, error, traced = gather_until_sure(gather, rows, demand, base, STAGES, foreseen=foreseen, gain=by_two)
+            found, error, traced = sample_adaptively(gather, rows, demand, base, STAGES, foreseen=foreseen, gain=by_two)
             total[rows], variance[rows], n_ray = found[rows], error[rows], n_ray + traced
         if len(self.few):
             own = block[self.few]
@@ -104,7 +104,7 @@ class EnvironmentLight:
         (first, last), table = span, self._table
         receivers, block = chunk.receivers(rows, first, last), rows // BLOCK_TEXELS
         every = np.tile(block, last - first)
-        weight, seen = self._look(rays, receivers, *choice.choose(every, light_points(take_rows(shift, rows), first, last)))
+        weight, seen = self._trace(rays, receivers, *choice.choose(every, light_points(take_rows(shift, rows), first, last)))
         open_ = self._open[every]
         value = seen.times(weight) - weight * open_[:, None]
         unoccluded = table.find_irradiance(receivers.normal[: len(rows)])
@@ -114,7 +114,7 @@ class EnvironmentLight:
         ordered[LIGHT_PLACE[span]] = value.reshape(ordered.shape)
         return ordered + self._open[block, None] * unoccluded, seen.rays
 
-    def _look(self, rays: ShadowRays, receivers: Receivers, patch: Int64, chance: FloatArray, u: FloatArray) -> tuple[Float64, Sight]:
+    def _trace(self, rays: ShadowRays, receivers: Receivers, patch: Int64, chance: FloatArray, u: FloatArray) -> tuple[Float64, Sight]:
         """Unoccluded contribution of rays to patches (n, 3), W/m^2, and their visibility."""
         direction, cell, density = self._table.choose(patch, u)
         cosine = np.maximum(dot_rows(direction, receivers.normal), 0)
@@ -130,7 +130,7 @@ class EnvironmentLight:
         for piece in row_pieces(rows, 1):
             block = piece // BLOCK_TEXELS
             patch, chance, rest = choice.choose(block, rng.random((len(piece), 2), np.float32))
-            weight, seen = self._look(rays, chunk.receivers_at(piece, MIDDLE), patch, chance, rest)
+            weight, seen = self._trace(rays, chunk.receivers_at(piece, MIDDLE), patch, chance, rest)
             front = weight.any(axis=1)
             at = block * self._shot.shape[1] + self._table.sector[patch]
             for counts, weights in ((self._shot, front), (self._lit, seen.share)):

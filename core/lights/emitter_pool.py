@@ -27,8 +27,8 @@ from .stratified_choice import (
     choose_by_strata,
     cumulate,
     find_reach,
-    gather_until_sure,
     in_order,
+    sample_adaptively,
     sum_regions,
 )
 
@@ -116,7 +116,7 @@ class EmitterPool:
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
             return self._gather(rays, chunk, rows, (end, group), (shift, turn), span, rng)
 
-        total, variance, traced = gather_until_sure(gather, np.arange(len(chunk)), demand, base_rgb, _SPANS)
+        total, variance, traced = sample_adaptively(gather, np.arange(len(chunk)), demand, base_rgb, _SPANS)
         return total, variance, n_ray + traced
 
     def choose(self, receivers: Receivers, rng: np.random.Generator) -> tuple[Float64, Aim]:
@@ -156,7 +156,7 @@ class EmitterPool:
 
         Texels of a quarter of a flat tile share a row.
         """
-        visibility, n_ray = self._look_around(rays, chunk, rng)
+        visibility, n_ray = self._measure_visibility(rays, chunk, rng)
         n_cluster = len(self.clusters)
         alone = np.ones(len(chunk), bool)
         alone[flat] = False
@@ -192,7 +192,7 @@ class EmitterPool:
             estimated[rows, runs] = np.maximum(estimated[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
         return estimated
 
-    def _look_around(self, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
+    def _measure_visibility(self, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): visibility of each cluster from the pilots of the block and of its region; and rays traced."""
         n_cluster = len(self.clusters)
         n_block = -(-len(chunk) // BLOCK_TEXELS)

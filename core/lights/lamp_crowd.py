@@ -25,8 +25,8 @@ from .stratified_choice import (
     cumulate,
     cut_evenly,
     find_reach,
-    gather_until_sure,
     in_order,
+    sample_adaptively,
     sort_by_place,
     sum_regions,
 )
@@ -179,7 +179,7 @@ class RestOfCrowd:
             receivers = chunk.receivers(rows, first, last)
             step, cluster, chance, rest = choose_by_strata(self._end, rows // _TOGETHER, turn[rows], last - first, rng)
             lamp, lamp_chance = self._crowd.clusters.choose(cluster, rest)
-            value, traced = self._look(rays, receivers, lamp, light_points(take_rows(shift, rows), first, last))
+            value, traced = self._trace(rays, receivers, lamp, light_points(take_rows(shift, rows), first, last))
             if first == 0:
                 place = np.tile(rows // BLOCK_TEXELS * n_cluster, last) + cluster
                 np.add(shot, np.bincount(place, minlength=len(shot)), out=shot)
@@ -192,7 +192,7 @@ class RestOfCrowd:
 
         somebody = self._end[:, -1] > np.arange(len(self._end))
         rows = np.flatnonzero(np.repeat(somebody, _TOGETHER)[:count])
-        return gather_until_sure(gather, rows, demand, base_rgb, learn=learn)
+        return sample_adaptively(gather, rows, demand, base_rgb, learn=learn)
 
     def _weigh(self, groups: Int64, share: Float32) -> None:
         """Multiplies the groups' probabilities by the measured visibility, share (n_block, n_cluster)."""
@@ -202,7 +202,7 @@ class RestOfCrowd:
             chances *= share[piece * _TOGETHER // BLOCK_TEXELS]
             _cumulate_rows(chances, piece, self._end)
 
-    def _look(self, rays: ShadowRays, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
+    def _trace(self, rays: ShadowRays, receivers: Receivers, lamp: Int64, u: Float32) -> tuple[Float64, int]:
         """(n, 3) float64: irradiance by one ray from each receiver to its lamp; and rays traced."""
         value, traced = np.zeros((len(lamp), 3)), 0
         for lamps, own in self._crowd.split(lamp):

@@ -19,7 +19,7 @@ from ..util.brightness import weigh_channels
 from ..util.geometry import take_rows
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
-from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose_by_strata, cumulate, gather_until_sure, in_order, sum_regions
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose_by_strata, cumulate, in_order, sample_adaptively, sum_regions
 
 _SIDE = 16  # cells per side of the unit square that is mapped to the hemisphere
 _CELLS = _SIDE**2
@@ -96,7 +96,7 @@ class Openings:
         asked &= np.repeat(known.may_see_little(limit), BLOCK_TEXELS)[: len(rows)]
         for piece in row_pieces(rows[asked], 1):
             to = rng.random((len(piece), 2), np.float32)
-            seen, _ = _look(rays, chunk, source, piece, to, (0, 1))
+            seen, _ = _trace(rays, chunk, source, piece, to, (0, 1))
             known.add(place[piece], _cell_at(to), seen.share)
             n_ray += seen.rays
         known = known.find_share()
@@ -106,7 +106,7 @@ class Openings:
             end = known.share_out()[0]
             for piece in row_pieces(np.arange(len(rows)), 1):
                 cell, to, _, _ = _choose(end, piece // BLOCK_TEXELS, random_shift(rng, len(piece)), rng, (0, 1))
-                seen, _ = _look(rays, chunk, source, rows[piece], to, (0, 1))
+                seen, _ = _trace(rays, chunk, source, rows[piece], to, (0, 1))
                 known.add(piece, cell, seen.share)
                 n_ray += seen.rays
         return cls(source, rows, known, n_ray)
@@ -130,7 +130,7 @@ class Openings:
             if span[0] != learned:  # unbiased: the pdf of a stage depends on earlier rays only
                 end, learned = known.share_out()[0], span[0]
             cell, to, chance, step = _choose(end, place[rows] // BLOCK_TEXELS, take_rows(shift, rows), rng, span)
-            seen, share = _look(rays, chunk, self._source, rows, to, span)
+            seen, share = _trace(rays, chunk, self._source, rows, to, span)
             known.add(np.tile(place[rows], span[1] - span[0]), cell, seen.share)
             return in_order(step, seen.times((share / (chance * _CELLS))[:, None] * self._source.rgb)), seen.rays
 
@@ -141,7 +141,7 @@ class Openings:
         allowed = demand.tolerance * (weigh_channels(base_rgb) + foreseen[0])[self.rows]
         sure = sky**2 * square[own] <= STAGES[0][1] * allowed**2
         for rows, stages in ((self.rows[sure], STAGES), (self.rows[~sure], _STAGES)):
-            by_some, error, traced = gather_until_sure(gather, rows, demand, base_rgb, stages, foreseen=(foreseen[0], foreseen[1]))
+            by_some, error, traced = sample_adaptively(gather, rows, demand, base_rgb, stages, foreseen=(foreseen[0], foreseen[1]))
             total += by_some
             variance += error
             n_ray += traced
@@ -226,7 +226,7 @@ class _Known:
         return end, rate.mean(axis=1), (rate / chance).sum(axis=1) / _CELLS**2
 
 
-def _look(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span) -> tuple[Sight, Float32]:
+def _trace(rays: ShadowRays, chunk: TexelChunk, source: WorldSource, rows: IntArray, to: Float32, span: Span) -> tuple[Sight, Float32]:
     """Visibility and weight of a span of rays from each row."""
     receivers = chunk.receivers(rows, *span)
     aim = source.aim(receivers.position, receivers.normal, to)

@@ -183,7 +183,7 @@ def in_order(step: Int64, values: FloatArray) -> Float64:
     return ordered
 
 
-def gather_until_sure(
+def sample_adaptively(
     gather: Callable[[IntArray, Span], tuple[Float64, int]],
     rows: IntArray,
     demand: Demand,
