@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
-from ...core.util.steps import Pause, Steps
+from ..read.steps import Pause, Steps
 from .session import Session
 
 

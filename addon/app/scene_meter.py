@@ -15,7 +15,6 @@ import numpy as np
 from mathutils import Matrix
 from numpy.typing import NDArray
 
-from ...core.atlas.chart_guess import guess_charts
 from ...core.util.threads import count_usable
 from ..read.object_settings import read_choice
 from ..read.render_levels import find_hidden_instances
@@ -23,6 +22,7 @@ from ..show.bake_text import Worn
 from ..show.images import check_shown
 from ..show.layout import worn_result
 from ..show.redraw import redraw
+from .chart_guess import guess_charts
 from .estimate import Estimate, Measured, estimate_bake
 from .properties import make_settings
 from .request import can_be_baked, list_objects

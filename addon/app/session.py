@@ -27,12 +27,12 @@ from ...core.scene.snapshot import save_snapshot
 from ...core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from ...core.util.messages import Done, Message, Status, Warning_
 from ...core.util.progress import Watch, unwatched
-from ...core.util.steps import Pause, Steps, run_aside, run_steps
 from ..read import baked_copies, export_scene
 from ..read.export_pieces import walk_pieces
 from ..read.export_receivers import LINKED
 from ..read.object_settings import registered
 from ..read.render_levels import evaluate_for_render
+from ..read.steps import Pause, Steps, run_aside, run_steps
 from ..read.tags import local_objects
 from ..read.world_cache import MapCache
 from ..show import images, materials_write, restore

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...core.scene.scene import TEXTURE_UVS
 from ...core.util.arrays import FloatArray, IntArray
-from ...core.util.steps import Pause, Steps
 from ..nodes.color_attributes import ColorLayer, Faces
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh
 from ..nodes.polygon_atlas import BakedLayer
@@ -21,6 +20,7 @@ from .export_mesh import PlacedMesh
 from .export_pieces import CURVE, OWN, STRANDS, Piece
 from .materials_read import MaterialReading, MaterialTable
 from .render_levels import Warnings
+from .steps import Pause, Steps
 
 
 @dataclass(frozen=True)

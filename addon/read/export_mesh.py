@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.util.arrays import FloatArray, IntArray
-from ...core.util.steps import Pause, Steps, run_steps
 from ..nodes.mesh_arrays import LocalMesh, WorldMesh, read_corner_vertices, read_faces, read_positions
 from .mesh_attributes import read_attributes
+from .steps import Pause, Steps, run_steps
 
 _BLOCK_TRIANGLES = 1 << 15  # between two pauses; what is computed at once stays in the cache
 

@@ -15,7 +15,6 @@ import bpy
 from ...core.scene.scene import Light, SceneObject, SceneSnapshot
 from ...core.util.messages import Status
 from ...core.util.progress import Watch, unwatched
-from ...core.util.steps import Pause, Steps, run_steps
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS
 from ..nodes.mesh_arrays import LocalMesh
 from .baked_copies import find_users_mesh
@@ -30,6 +29,7 @@ from .lights_read import PendingLight, read_lamp
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
+from .steps import Pause, Steps, run_steps
 from .strands import read_strands
 from .uv_layer import has_room, name_ours
 from .world_cache import MapCache

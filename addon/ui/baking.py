@@ -15,7 +15,6 @@ import bpy
 
 from ...core.util.messages import Done, Error
 from ...core.util.progress import ProgressReporter
-from ...core.util.steps import Steps
 from ...core.util.user_text import group_warnings
 from ..app import live, session
 from ..app.arguments import BakeRequest
@@ -25,6 +24,7 @@ from ..app.preparation import Preparation
 from ..app.request import find_mode_error, find_output_error, make_request
 from ..app.scene_meter import find_worn
 from ..read.export_scene import READING
+from ..read.steps import Steps
 from ..show.layout import mark_result
 from ..show.redraw import redraw
 from ..show.shown_pages import note_pages

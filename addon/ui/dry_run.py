@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.atlas.chart_guess import guess_charts
 from ...core.scene.scene import SceneSnapshot
 from ...core.util.geometry import triangle_normals_areas
 from ...core.util.settings import Settings
 from ...core.util.threads import count_usable
+from ..app.chart_guess import guess_charts
 from ..app.estimate import Measured, estimate_bake
 from .panel_parts import describe_estimate, describe_evened, describe_takers
 

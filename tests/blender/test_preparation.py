@@ -15,10 +15,10 @@ from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.preparation import Preparation
 from leaflight.addon.app.session import prepare_steps
 from leaflight.addon.read.object_settings import registered
+from leaflight.addon.read.steps import Pause
 from leaflight.core.scene.snapshot import describe_snapshot, list_arrays
 from leaflight.core.util.progress import unwatched
 from leaflight.core.util.settings import Settings
-from leaflight.core.util.steps import Pause
 
 CUBES = 12
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from leaflight.core.atlas.chart_guess import guess_charts
+from leaflight.addon.app.chart_guess import guess_charts
 from leaflight.core.atlas.charts import make_charts
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, grid_mesh, make_scene, sphere_mesh

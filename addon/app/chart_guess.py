@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene.morton import find_facing
-from ..scene.topology import hash_points, join_sets, pair_sides
-from ..util.arrays import Float64, Int64, IntArray
-from ..util.geometry import triangle_normals_areas
+from ...core.scene.morton import find_facing
+from ...core.scene.topology import hash_points, join_sets, pair_sides
+from ...core.util.arrays import Float64, Int64, IntArray
+from ...core.util.geometry import triangle_normals_areas
 
 _SMOOTH = 0.7  # least cosine between neighbours of one chart: 45 degrees
 
