@@ -166,23 +166,8 @@ def cosine_hemisphere_pdf(cosine: FloatArray) -> FloatArray:
     return np.maximum(cosine, 0) / math.pi
 
 
-def square_to_uniform_sphere(u: FloatArray) -> FloatArray:
-    """Unit directions, density 1/(4 pi) per steradian.
-
-    u     (n, 2) float, uniform in [0, 1)
-    out   (n, 3) float, unit
-    Source: Archimedes; z is uniform.
-    """
-    return directions_from_height(2 * u[:, 0], u[:, 1])
-
-
-def uniform_sphere_pdf() -> float:
-    """Density of square_to_uniform_sphere, per steradian."""
-    return 1 / (4 * math.pi)
-
-
 def square_to_uniform_cone(u: FloatArray, half_angle_rad: float) -> FloatArray:
-    """Unit directions within an angle of +Z, uniform per steradian; precise in float32 for angles as small as the sun's.
+    """Unit directions within an angle of +Z, pi for all, uniform per steradian; precise in float32 for angles as small as the sun's.
 
     u     (n, 2) float, uniform in [0, 1)
     out   (n, 3) float, unit

@@ -15,7 +15,7 @@ from leaflight.core.lights.environment_table import EnvironmentTable
 from leaflight.core.scene.scene import SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.util.brightness import weigh_channels
-from leaflight.core.util.sampling import square_to_uniform_sphere
+from leaflight.core.util.sampling import square_to_uniform_cone
 from leaflight.core.util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
 from scenes import box_mesh
 
@@ -61,7 +61,7 @@ class TestTable:
         table = CellTable(Environment(bumpy(*shape)).cell_power)
         toward, cell, chance = table.sample(np.random.default_rng(2).random((400_000, 2)))
         assert (find_cells(shape, toward) == cell).mean() > 0.9999  # rounding at edges
-        dense = square_to_uniform_sphere(np.random.default_rng(3).random((400_000, 2)))
+        dense = square_to_uniform_cone(np.random.default_rng(3).random((400_000, 2)), math.pi)
         expected = np.bincount(find_cells(bins, dense), table.pdf(dense), math.prod(bins)) * 4 * math.pi
         observed = np.bincount(find_cells(bins, toward), minlength=math.prod(bins))
         assert expected.sum() == pytest.approx(400_000, rel=0.01)
@@ -82,7 +82,7 @@ class TestShadowRayTable:
     def test_irradiance_by_normal(self):
         world_map = bumpy()
         table = EnvironmentTable.of(Environment(world_map))
-        normal = square_to_uniform_sphere(np.random.default_rng(6).random((200, 2)))
+        normal = square_to_uniform_cone(np.random.default_rng(6).random((200, 2)), math.pi)
         fine = np.repeat(np.repeat(world_map, 12, axis=0), 12, axis=1)
         solid_angle = np.repeat(find_solid_angles(*fine.shape[:2]), fine.shape[1])
         expected = np.maximum(normal @ middles(*fine.shape[:2]).T.astype(float), 0) @ (fine.reshape(-1, 3) * solid_angle[:, None])

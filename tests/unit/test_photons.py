@@ -32,7 +32,7 @@ class Lamp:
 
     def emit(self, u):
         n = len(u)
-        direction = sampling.square_to_uniform_sphere(u[:, :2]) if self.along is None else np.tile(np.float32(self.along), (n, 1))
+        direction = sampling.square_to_uniform_cone(u[:, :2], math.pi) if self.along is None else np.tile(np.float32(self.along), (n, 1))
         radius, offset = np.repeat(np.float32(self.soft)[:, None], n, axis=1)
         return EmittedPhotons(np.tile(np.float32(self.place_unit), (n, 1)), direction, np.ones((n, 1), np.float32), radius, offset)
 

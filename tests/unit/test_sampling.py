@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -28,7 +29,6 @@ def _solid_angle_bins(lowest, pdf_at_cosine):
     )
 
 
-COSINE_CONE = math.cos(HALF_ANGLE_RAD)
 WARPS = {
     "disk": (
         sampling.square_to_uniform_disk,
@@ -36,11 +36,13 @@ WARPS = {
         np.full(BINS, sampling.uniform_disk_pdf() * math.pi / BINS**2),
     ),
     "cosine": (sampling.square_to_cosine_hemisphere, *_solid_angle_bins(0, sampling.cosine_hemisphere_pdf)),
-    "sphere": (sampling.square_to_uniform_sphere, *_solid_angle_bins(-1, lambda c: sampling.uniform_sphere_pdf())),
-    "cone": (
-        lambda u: sampling.square_to_uniform_cone(u, HALF_ANGLE_RAD),
-        *_solid_angle_bins(COSINE_CONE, lambda c: sampling.uniform_cone_pdf(HALF_ANGLE_RAD)),
-    ),
+    **{
+        name: (
+            partial(sampling.square_to_uniform_cone, half_angle_rad=angle),
+            *_solid_angle_bins(math.cos(angle), partial(lambda angle, cosine: sampling.uniform_cone_pdf(angle), angle)),
+        )
+        for name, angle in (("sphere", math.pi), ("cone", HALF_ANGLE_RAD))
+    },
     "triangle": (
         sampling.square_to_uniform_triangle,
         lambda b: (b.sum(axis=1) ** 2, b[:, 0] / np.maximum(b.sum(axis=1), 1e-12)),
