@@ -50,7 +50,7 @@ class EmittingMeshes:
 
 
 @dataclass(frozen=True)
-class MeshEmitter:
+class MeshEmitter(Emitter):
     """Emitting triangles of one material, on both sides.
 
     sides        (n_cell,) int8                    1 if light from its back is never seen, see sealed_solids; else 2
@@ -97,7 +97,7 @@ class MeshEmitter:
 
 
 @dataclass(frozen=True)
-class WorldEmitter:
+class WorldEmitter(Emitter):
     """Uniform radiance from everywhere: every face of the scene's box is a Lambertian source that emits inwards."""
 
     name: str

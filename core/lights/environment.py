@@ -11,7 +11,7 @@ from ..scene.scene_cover import SceneCover
 from ..util.arrays import Float32, Float64, FloatArray
 from ..util.brightness import weigh_channels
 from ..util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
-from .lights import EmittedPhotons, make_photons
+from .lights import EmittedPhotons, Emitter, make_photons
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Environment:
 
 
 @dataclass(frozen=True)
-class EnvironmentEmitter:
+class EnvironmentEmitter(Emitter):
     """Photons of an environment: a direction is chosen by power, then a point on the scene's outline perpendicular to it.
 
     table         cells, weighted by the power that each sends into the scene

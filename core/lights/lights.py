@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -43,22 +43,18 @@ class EmittedPhotons:
     soft_offset: Float32
 
 
-class Emitter(Protocol):
+class Emitter(ABC):
     """Anything that emits photons.
 
     power_rgb      (3,) float64, W, emitted into the scene
     casts_shadow   if False, its light reaches every surface along a ray, also those behind others
     """
 
-    @property
-    def name(self) -> str: ...
+    name: str
+    power_rgb: Float64
+    casts_shadow: bool
 
-    @property
-    def power_rgb(self) -> Float64: ...
-
-    @property
-    def casts_shadow(self) -> bool: ...
-
+    @abstractmethod
     def emit(self, u: Float32) -> EmittedPhotons:
         """Photons for numbers u (n, 4) float32, uniform in [0, 1)."""
 
@@ -128,7 +124,7 @@ class SpotCone:
 
 
 @dataclass(frozen=True)
-class PointEmitter:
+class PointEmitter(Emitter):
     """A point or spot light; with a radius, a disk perpendicular to each photon's path (soft), or a sphere. See joined_emitters.
 
     centre        (3, 1) float32, unit box
@@ -197,7 +193,7 @@ class ProfileEmitter(PointEmitter):
 
 
 @dataclass(frozen=True)
-class AreaEmitter:
+class AreaEmitter(Emitter):
     """A one-sided rectangle or ellipse. See joined_emitters.
 
     centre        (3, 1) float32, unit box
@@ -254,7 +250,7 @@ def sample_spread_angle(u: FloatArray, spread_rad: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class SunEmitter:
+class SunEmitter(Emitter):
     """Parallel light, or light from a disk of directions, which enters through the faces of the scene's box.
 
     axes           (3, 3, 1) float32   the light's x, y and z

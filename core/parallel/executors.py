@@ -219,9 +219,10 @@ def wake(executor: Executor) -> None:
 
 
 def send_home(executor: Executor) -> None:
-    """End the other processes of this machine in the background, once no more calls follow."""
+    """End the other processes of this machine in the background; all calls must be done, and no more may follow."""
     if isinstance(executor, LocalExecutor):
-        executor.send_home()
+        executor._leaving = threading.Thread(target=executor._pool.shutdown)
+        executor._leaving.start()
 
 
 def set_apart(executor: Executor, run: Callable[[], T]) -> Callable[[], T]:
@@ -366,11 +367,6 @@ class LocalExecutor(Executor):
             self._leaving.join()
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
         self._results.cleanup()
-
-    def send_home(self) -> None:
-        """End the other processes in the background; all calls must be done, and no more may follow."""
-        self._leaving = threading.Thread(target=self._pool.shutdown)
-        self._leaving.start()
 
     def _take(self) -> _Call | None:
         """The first pending call."""
