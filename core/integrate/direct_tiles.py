@@ -93,8 +93,9 @@ def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: F
     """
     aim = source.aim(receivers.position, receivers.normal, points)
     seen = receivers.see(rays, aim) if source.casts_shadow else Sight(np.ones(len(points), bool), None, 0)
-    # Texels at a cone's edge, texels whose horizon cuts the light, and texels that face away from it are sampled one by one.
-    full = (seen.share == 1) & (aim.share > 0) & (aim.weight >= aim.share)
+    # Texels at a cone's edge, in the beam of an area light's spread, whose horizon cuts the light, and that face away from it are sampled
+    # one by one.
+    full = (seen.share == 1) & (aim.share > 0) & (aim.weight == aim.share)
     none = (seen.share == 0) | (aim.weight <= 0)
     return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen.share, seen.rays
 

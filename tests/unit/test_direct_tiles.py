@@ -101,7 +101,7 @@ class TestShadows:
         alone = np.mean([1 - light_floor(scene, side, seed, Tiles.none(), tolerance=0.0).irradiance_rgb[:, 0].mean() for seed in range(8)])
         assert dark == pytest.approx(alone, rel=0.04)
 
-    @pytest.mark.parametrize("light", [SUN, BULB, PANEL, SPOT])
+    @pytest.mark.parametrize("light", [SUN, BULB, PANEL, SPOT, replace(PANEL, spread_rad=1.5)])
     def test_of_a_block(self, light):
         scene = lit_scene([box_mesh("Block", (0.3, 0.3, 0.1), (0.5, 0.5, 0.3))], [light])
         found, alone = (light_floor(scene, tiles=tiles).irradiance_rgb[:, 0] for tiles in (None, Tiles.none()))
