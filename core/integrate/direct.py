@@ -14,7 +14,7 @@ from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingS
 from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.emitting_cells import EmittingCells
-from ..lights.environment_table import EnvironmentTable
+from ..lights.environment import EnvironmentTable
 from ..lights.lamp_crowd import LampCrowd, RestOfCrowd
 from ..lights.light_links import LightLinks
 from ..lights.sky_openings import Openings

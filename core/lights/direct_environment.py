@@ -18,7 +18,7 @@ from ..util.geometry import dot_rows, take_rows
 from ..util.sphere_map import find_solid_angles
 from .direct_lights import INFINITE, Aim
 from .direct_points import LIGHT_PLACE, MIDDLE, STAGES, Receivers, TexelChunk, light_points, random_shift, row_pieces
-from .environment_table import EnvironmentTable, PatchChoice
+from .environment import EnvironmentTable, PatchChoice
 from .stratified_choice import BLOCK_TEXELS, Demand, Span, sample_adaptively, sum_regions
 
 _REGION_BLOCKS = 16  # blocks whose pooled visibility is a prior

@@ -125,7 +125,7 @@ class SpotCone:
 
 @dataclass(frozen=True)
 class PointEmitter(Emitter):
-    """A point or spot light; with a radius, a disk perpendicular to each photon's path (soft), or a sphere. See joined_emitters.
+    """A point or spot light; with a radius, a disk perpendicular to each photon's path (soft), or a sphere. See emitters.
 
     centre        (3, 1) float32, unit box
     axes          (3, 3, 1) float32            the light's x, y and z
@@ -194,7 +194,7 @@ class ProfileEmitter(PointEmitter):
 
 @dataclass(frozen=True)
 class AreaEmitter(Emitter):
-    """A one-sided rectangle or ellipse. See joined_emitters.
+    """A one-sided rectangle or ellipse. See emitters.
 
     centre        (3, 1) float32, unit box
     axes          (3, 3, 1) float32            the light's x, y and z

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lights.joined_emitters import JoinedEmitters
+from ..lights.emitters import JoinedEmitters
 from ..scene.rays import RayScene
 from ..util.geometry import gather, locate_hits, offset_origin
 from ..util.sampling import low_discrepancy_points

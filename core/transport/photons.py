@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lights.joined_emitters import JoinedEmitters
+from ..lights.emitters import JoinedEmitters
 from ..lights.light_links import LightLinks
 from ..lights.lights import Emitter
 from ..scene.coincident_faces import CoincidentFaces

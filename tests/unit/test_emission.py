@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from leaflight.core.lights.joined_emitters import JoinedEmitters
+from leaflight.core.lights.emitters import JoinedEmitters
 from leaflight.core.lights.lights import make_photons
 from leaflight.core.scene.rays import RayScene
 from leaflight.core.transport.emission import BATCH, Photons, emit_photons, light_every_surface, soften

@@ -10,8 +10,7 @@ import pytest
 from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.lights.emitters import NO_LIGHT
-from leaflight.core.lights.environment import Environment
-from leaflight.core.lights.environment_table import EnvironmentTable
+from leaflight.core.lights.environment import Environment, EnvironmentTable
 from leaflight.core.scene.scene import SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.util.brightness import weigh_channels
