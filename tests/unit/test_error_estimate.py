@@ -117,18 +117,6 @@ def test_noise_of_direct_light_counts_and_is_told_apart():
     assert not without.texel_direct2().any()
 
 
-@pytest.mark.parametrize(("share", "counted"), [(1 / 64, 1 / 64 - 0.01), (0.005, 0.0)])
-def test_the_worst_texels_are_left_out(share, counted):
-    """Some texels are far off: of those, what is over 1 % of all counts."""
-    bake = throw(even, 50_000, 1, degree=0, level=3)
-    variance = np.zeros((SIDE * SIDE, 1))
-    variance[: round(share * SIDE * SIDE)] = 100.0
-    variance *= 1 + 1e-3 * np.random.default_rng(1).random(variance.shape)  # no two alike, so that their order is told
-    brightness2 = 1 + error_metric.DARK_FLOOR**2
-    found = state(bake, current(bake), direct_variance=variance).direct
-    assert found**2 == pytest.approx(counted / error_metric.BEST_TEXELS * 100.0 / brightness2, rel=0.15, abs=1e-9)
-
-
 def test_leaves_that_are_shown_with_what_is_around_err_by_what_they_state():
     """Half of them, three times as bright as they are; the others as without."""
     bake = throw(even, 4000, seed=3, level=2)
