@@ -29,6 +29,7 @@ _TEXELS_PER_M, _NORMALS_PER_M = 128.0, 64.0
 _MOST_TEXELS = 1 << 20  # of one mesh
 _SECONDS = 120.0  # of processors' time, for all of one export
 _SAMPLES = 4  # of each texel
+_NO_TRACE = 1e-30  # a factor that is lost beside 1, and not 0, which Cycles leaves out
 _NAME, _UV = "leaflight evaluation", "leaflight evaluation"
 # What depends on who looks, or on what a copy of the object has not: its particles; and what EEVEE alone knows.
 _UNFIT = ("LIGHT_PATH", "FRESNEL", "LAYER_WEIGHT", "PARTICLE_INFO", "HAIR_INFO", "SHADERTORGB")
@@ -161,6 +162,7 @@ def bake_socket(port: Port, material: Any, faces: Faces, matrix: NDArray[np.floa
         _fix_random(copy.node_tree, faces.random_level)
         if not _show_output(copy, port, image, copies):
             return None
+        _use_alphas(copy.node_tree)
         mesh.materials.clear()
         mesh.materials.append(copy)
         mesh.polygons.foreach_set("material_index", np.zeros(len(mesh.polygons), np.int32))
@@ -201,6 +203,19 @@ def _show_output(material: Any, port: Port, image: Any, copies: _Copies) -> bool
     target.select = True  # since Blender 5.0 the active node alone does not do
     tree.nodes.active = target
     return True
+
+
+def _use_alphas(tree: Any) -> None:
+    """Has the emission use all alphas that are used, without a trace: Cycles would show the colours beside them multiplied by them else."""
+    emission = next(node for node in reversed(tree.nodes) if node.type == "EMISSION")
+    for output in [node.outputs["Alpha"] for node in tree.nodes if node.type == "TEX_IMAGE" and node.outputs["Alpha"].is_linked]:
+        total = tree.nodes.new("ShaderNodeMath")
+        total.operation, total.inputs[1].default_value, total.inputs[2].default_value = "MULTIPLY_ADD", _NO_TRACE, 1.0
+        before = emission.inputs["Strength"].links
+        if before:
+            tree.links.new(before[0].from_socket, total.inputs[2])
+        tree.links.new(output, total.inputs[0])
+        tree.links.new(total.outputs[0], emission.inputs["Strength"])
 
 
 def _bring_up(tree: Any, port: Port, copies: _Copies) -> Any:

@@ -190,6 +190,20 @@ def test_what_is_made_of_an_objects_random_number_has_it():
     assert not [text for _, text in result.warnings if "simplified" in text]
 
 
+def test_colours_beside_an_alpha_that_is_used_are_not_multiplied_by_it():
+    _, tree, shader = add_material(add_floor())
+    node, wires, total = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexImage", "Wireframe", "VectorMath"))
+    node.image = bpy.data.images.new("Leaf", 2, 2, alpha=True)
+    node.image.pixels.foreach_set(np.tile(np.float32([0.8, 0.8, 0.8, 0.5]), 4))
+    node.image.pack()
+    tree.links.new(node.outputs["Color"], total.inputs[0])
+    tree.links.new(wires.outputs[0], total.inputs[1])
+    tree.links.new(total.outputs[0], shader.inputs["Base Color"])
+    tree.links.new(node.outputs["Alpha"], shader.inputs["Alpha"])
+    rgb = probe(export_scene(bpy.context), "Floor", [(1.0, 0.3)])[0]
+    assert rgb == pytest.approx(np.full(3, 0.5 * 0.604), abs=0.01)  # 0.07 where it is multiplied
+
+
 def test_what_eevee_alone_evaluates_is_named():
     _, tree, shader = add_material(add_floor())
     tree.links.new(tree.nodes.new("ShaderNodeShaderToRGB").outputs["Color"], shader.inputs["Base Color"])
