@@ -41,7 +41,6 @@ class Unwrapping:
         )
 
     def cancel(self) -> None:
-        """Give up the charts."""
         self._asked.cancel()
 
     def finish(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64, BoolArray]:

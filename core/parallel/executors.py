@@ -283,7 +283,6 @@ class _Answers(Iterator[T]):
         self.close()
 
     def close(self) -> None:
-        """Cancel the rest."""
         for call in self._calls:
             call.cancel()
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from ..util.ablation import uses
 from ..util.arrays import Float64
-from .scene import TEXTURE_UVS, Light, Material, SceneSnapshot, TextureImage
-
-Colour: TypeAlias = tuple[float, float, float]
+from .scene import TEXTURE_UVS, Light, Material, Rgb, SceneSnapshot, TextureImage
 
 
 def prune_scene(snapshot: SceneSnapshot) -> tuple[SceneSnapshot, dict[str, int]]:
@@ -55,7 +53,7 @@ def can_reach(light: Light, points_m: Float64) -> bool:
     return angle <= 0.5 * light.cone_angle_rad + math.asin(around / distance)
 
 
-def _find_colour(image: TextureImage) -> Colour | None:
+def _find_colour(image: TextureImage) -> Rgb | None:
     """The colour of an image of one colour, else None."""
     pixels = image.pixels.reshape(-1, 3)
     if not len(pixels) or image.extension == "CLIP" or not np.isfinite(pixels[0]).all() or (pixels != pixels[0]).any():
@@ -64,7 +62,7 @@ def _find_colour(image: TextureImage) -> Colour | None:
     return red, green, blue
 
 
-def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
+def _fold_textures(material: Material, colour: list[Rgb | None]) -> Material:
     changed: dict[str, Any] = {}
     for image in (image for images in TEXTURE_UVS.values() for image in images):
         rgb = image.replace("_image", "_rgb")
@@ -73,7 +71,7 @@ def _fold_textures(material: Material, colour: list[Colour | None]) -> Material:
     return replace(material, **changed)
 
 
-def _fold_texture(rgb: Colour, image: int, colour: list[Colour | None]) -> tuple[Colour, int]:
+def _fold_texture(rgb: Rgb, image: int, colour: list[Rgb | None]) -> tuple[Rgb, int]:
     """A constant times an image, as a constant alone if the image has one colour."""
     factor = colour[image] if image >= 0 and any(rgb) else (1.0, 1.0, 1.0)
     if factor is None:

@@ -59,27 +59,27 @@ class Material:
     """
 
     name: str
-    albedo_rgb: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    albedo_rgb: Rgb = (0.8, 0.8, 0.8)
     albedo_image: int = -1
-    emission_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # W/m^2/sr, strength included
+    emission_rgb: Rgb = (0.0, 0.0, 0.0)  # W/m^2/sr, strength included
     emission_image: int = -1
-    passing_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # for diffuse rays
+    passing_rgb: Rgb = (0.0, 0.0, 0.0)  # for diffuse rays
     passing_image: int = -1
-    shadow_passing_rgb: tuple[float, float, float] | None = None  # for shadow rays; None if it equals passing_rgb
+    shadow_passing_rgb: Rgb | None = None  # for shadow rays; None if it equals passing_rgb
     shadow_passing_image: int = -1  # with shadow_passing_rgb
-    glossy_passing_rgb: tuple[float, float, float] | None = None  # for glossy rays, likewise
+    glossy_passing_rgb: Rgb | None = None  # for glossy rays, likewise
     glossy_passing_image: int = -1
-    transmission_passing_rgb: tuple[float, float, float] | None = None  # for transmission rays, likewise
+    transmission_passing_rgb: Rgb | None = None  # for transmission rays, likewise
     transmission_passing_image: int = -1
     # Shares of reflected and refracted light, and of emission, that diffuse, glossy and transmission rays see.
     seen_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
     glow_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
     normal_image: int = -1  # unit shading normals in world space instead of those at the corners; with normal_strength a normal map
     normal_strength: float | None = None  # of a normal map in tangent space, with values 0 to 1 as in its file, relative to tri_tangents
-    metal_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that a metal reflects specularly
+    metal_rgb: Rgb = (0.0, 0.0, 0.0)  # the part of the albedo that a metal reflects specularly
     metal_image: int = -1
     metal: float = 1.0  # mean share of the surface that is metal
-    metal_edge_rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)  # tint of the metal's reflection at 82 degrees, on Schlick's formula
+    metal_edge_rgb: Rgb = (1.0, 1.0, 1.0)  # tint of the metal's reflection at 82 degrees, on Schlick's formula
     metal_flat: bool = False  # the metal reflects equally at all angles, instead of by Schlick's formula
     lobe_image: int = -1  # channels are roughness, share of metal and share with a layer, instead of the three means
     layer: float = 0.0  # share of the surface that has a dielectric layer above the diffuse part
@@ -92,20 +92,17 @@ class Material:
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
     coat_tint_rgb: Rgb = (1.0, 1.0, 1.0)  # of a path of length 1; colours below hold that of the mean path already
-    sheen_rgb: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # share of the surface with sheen, times its tint; the albedo contains its reflection
+    # Share of the surface with sheen, times its tint; the albedo contains its reflection.
+    sheen_rgb: Rgb = (0.0, 0.0, 0.0)
     sheen_roughness: float = 0.5
-    glass_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # tint of what glass refracts, times the share of the surface that is glass
+    glass_rgb: Rgb = (0.0, 0.0, 0.0)  # tint of what glass refracts, times the share of the surface that is glass
     glass_image: int = -1
-    glass_mirror_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # tint of what glass reflects, times the same share
+    glass_mirror_rgb: Rgb = (0.0, 0.0, 0.0)  # tint of what glass reflects, times the same share
     glass_fresnel: bool = True  # reflection follows Fresnel's equations; else nothing is reflected
     glass_roughness: float = 0.0  # GGX's alpha is its square
     glass_multiscatter: bool = True
     glass_ior: float = 1.5  # index behind the faces over that before them
-    through_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the part of the albedo that leaves diffusely on the other side
+    through_rgb: Rgb = (0.0, 0.0, 0.0)  # the part of the albedo that leaves diffusely on the other side
     through_image: int = -1
 
     @property
@@ -140,7 +137,7 @@ class Light:
     name: str
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rotation: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    power_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    power_rgb: Rgb = (0.0, 0.0, 0.0)
     radius_m: float = 0.0  # POINT and SPOT
     soft_falloff: bool = True  # POINT and SPOT: a disk that faces each receiver, else a sphere
     cone_angle_rad: float = 0.0  # SPOT: full opening angle
@@ -199,7 +196,7 @@ class SceneSnapshot:
     materials: tuple[Material, ...]
     images: tuple[TextureImage, ...] = ()
     lights: tuple[Light, ...] = ()
-    world_rgb: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    world_rgb: Rgb = (0.0, 0.0, 0.0)
     world_map: Float32 | None = None
     profiles: tuple[Float32, ...] = ()
     tri_passing_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
@@ -208,7 +205,6 @@ class SceneSnapshot:
     tri_glass_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_through_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
     tri_lobe_uv: Float32 = field(default_factory=lambda: np.zeros((0, 3, 2), np.float32))
-
     tri_tangents: Float32 = field(default_factory=lambda: np.zeros((0, 3, 3, 3), np.float32))
 
     def __post_init__(self) -> None:
