@@ -22,7 +22,9 @@ _PARALLEL = 1 - 1e-5  # least cosine between normals
 _PLANE_STEPS = 1 << 11  # of a normal's component, where planes are compared
 _PLANE_WIDTH = 4.0  # more than the unit box is wide
 _LEAST_OVERLAP = 1e-5  # unit box: neighbours in a plane overlap by rounding
-_MOST_OTHERS = 64  # in the place of one triangle; one with more takes no part
+_CELLS = 16  # a side of a grid over a triangle, by which most hits are told to have no others
+_HAIR = 1e-4
+_MOST_OTHERS = 64  # that face as one triangle does, in its place; one with more takes no part
 _TINY = float(np.finfo(np.float32).tiny)
 
 _Rows = NDArray[np.float32]
@@ -34,12 +36,16 @@ class CoincidentFaces:
 
     start        (n_tri + 1,) int64: others of triangle i are other[start[i]:start[i + 1]]
     other        (m,) int32
+    row          (n_tri + 1,) int32: row of `near` of each triangle, -1 for one without others, and for a miss, -1
+    near         (2, k, _CELLS**2) bool: cells of a triangle, by u and v, where a hit on its back, and on its front, may go to another
     tri_frame    (3, 3, n_tri) float32   of triangle_frames, unit box
     tri_normal   (3, n_tri) float32
     """
 
     start: NDArray[np.int64]
     other: NDArray[np.int32]
+    row: NDArray[np.int32]
+    near: NDArray[np.bool_]
     tri_frame: _Rows
     tri_normal: _Rows
 
@@ -64,11 +70,20 @@ class CoincidentFaces:
         n_tri = len(corners)
         one, other = np.concatenate(pairs, axis=1)
         one, other = np.divmod(np.unique(np.append(one * n_tri + other, other * n_tri + one)), n_tri)
-        few = np.bincount(one, minlength=n_tri) <= _MOST_OTHERS
+        # Of what stands on a floor the undersides are met from below alone.
+        alike = np.einsum("kn,kn->n", tri_normal[:, one], tri_normal[:, other]) > 0
+        few = np.bincount(one, alike, n_tri) <= _MOST_OTHERS
         kept = few[one] & few[other]
-        one, other = one[kept], other[kept]
-        start = np.searchsorted(one, np.arange(n_tri + 1))
-        return cls(start, other.astype(np.int32), triangle_frames(corners), tri_normal) if len(one) else None
+        one, other, alike = one[kept], other[kept], alike[kept]
+        if not len(one):
+            return None
+        own, first = np.unique(one, return_index=True)
+        row, frame = np.full(n_tri + 1, -1, np.int32), triangle_frames(corners)
+        row[own] = np.arange(len(own))
+        places = np.array([_find_places(frame, one, corner.T) for corner in np.moveaxis(corners[other], 1, 0)])
+        cells = _cover_cells(places.min(axis=0), places.max(axis=0))
+        near = np.stack([np.logical_or.reduceat(cells & of[:, None], first) for of in (np.ones_like(alike), alike)])
+        return cls(np.searchsorted(one, np.arange(n_tri + 1)), other.astype(np.int32), row, near, frame, tri_normal)
 
     def share_out(self, found: Hits, direction: _Rows) -> tuple[Hits, _Rows]:
         """The hits of rays, shared out; and (n,) float32, among how many faces each.
@@ -77,11 +92,13 @@ class CoincidentFaces:
         """
         count = np.ones(len(found.tri), np.float32)
         tri, u, v = found.tri.copy(), found.u.copy(), found.v.copy()
-        rows = np.flatnonzero(self.start[tri] < self.start[tri + 1])  # not those of a miss, -1: start[-1] > start[0]
+        rows = np.flatnonzero(self.row[tri] >= 0)
+        on_front = np.einsum("kn,kn->n", gather(direction, rows), gather(self.tri_normal, tri[rows])) < 0
+        rows = rows[self.near[on_front.astype(np.intp), self.row[tri[rows]], _find_cells(u[rows]) * _CELLS + _find_cells(v[rows])]]
         point = locate_hits(self.tri_frame, tri[rows], u[rows], v[rows])
         owner, place = expand_ranges(self.start[tri[rows]], self.start[tri[rows] + 1])
         other = self.other[place]
-        other_u, other_v = self._find_places(other, gather(point, owner))
+        other_u, other_v = _find_places(self.tri_frame, other, gather(point, owner))
         inside = (other_u >= 0) & (other_v >= 0) & (other_u + other_v <= 1)
         # All faces at each hit, the one that was found among them.
         owner = np.append(np.arange(len(rows)), owner[inside])
@@ -98,17 +115,31 @@ class CoincidentFaces:
         count[rows] = n_face
         return replace(found, tri=tri, u=u, v=v), count
 
-    def _find_places(self, tri: NDArray[np.int32], point: _Rows) -> tuple[_Rows, _Rows]:
-        """(n,) each: barycentric weights of corners 1 and 2 of triangles (n,) at points (3, n) of their planes."""
-        corner, one, other = gather(self.tri_frame, tri).astype(np.float64)
-        at = point - corner
 
-        def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.asarray(np.einsum("kn,kn->n", a, b))
+def _find_places(tri_frame: _Rows, tri: NDArray[np.int32] | NDArray[np.int64], point: _Rows) -> tuple[_Rows, _Rows]:
+    """(n,) each: barycentric weights of corners 1 and 2 of triangles (n,) at points (3, n) of their planes."""
+    corner, one, other = gather(tri_frame, tri).astype(np.float64)
+    at = point - corner
 
-        aa, ab, bb, pa, pb = dot(one, one), dot(one, other), dot(other, other), dot(at, one), dot(at, other)
-        area2 = aa * bb - ab * ab
-        return ((bb * pa - ab * pb) / area2).astype(np.float32), ((aa * pb - ab * pa) / area2).astype(np.float32)
+    def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.einsum("kn,kn->n", a, b))
+
+    aa, ab, bb, pa, pb = dot(one, one), dot(one, other), dot(other, other), dot(at, one), dot(at, other)
+    area2 = aa * bb - ab * ab
+    return ((bb * pa - ab * pb) / area2).astype(np.float32), ((aa * pb - ab * pa) / area2).astype(np.float32)
+
+
+def _find_cells(place: _Rows) -> NDArray[np.int64]:
+    """Cells, counted from 0, at barycentric weights."""
+    return np.clip(place * _CELLS, 0, _CELLS - 1).astype(np.int64)
+
+
+def _cover_cells(low: _Rows, high: _Rows) -> NDArray[np.bool_]:
+    """(m, _CELLS**2): cells of triangles that boxes of barycentric weights, from low (2, m) to high (2, m), overlap."""
+    cells = np.arange(_CELLS)
+    first, last = _find_cells(low - _HAIR)[..., None], _find_cells(high + _HAIR)[..., None]
+    along, up = (first <= cells) & (cells <= last)
+    return np.asarray(along[:, :, None] & up[:, None, :]).reshape(-1, _CELLS**2)
 
 
 def _number_planes(corners: _Rows, tri_normal: _Rows) -> list[NDArray[np.int64]]:
