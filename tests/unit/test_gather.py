@@ -140,6 +140,27 @@ def test_texels_of_both_sides_gather_the_sum_of_both(tmp_path, above):
     assert found.irradiance_rgb[facing].max() < 0.9
 
 
+ALL, NO_TRANSMISSION, TRANSMISSION_ONLY = (True,) * 3, (True, True, False), (False, False, True)
+
+
+@pytest.mark.parametrize(
+    ("card", "lid", "is_seen"),
+    [(ALL, (), True), (NO_TRANSMISSION, (), False), (TRANSMISSION_ONLY, (), True), (ALL, (ALL,), False), (ALL, (NO_TRANSMISSION,), True)],
+)
+def test_behind_a_pane_rays_see_what_transmission_rays_see(tmp_path, card, lid, is_seen):
+    """A floor below a pane that does not bend light, and above it a white card, perhaps behind a black lid."""
+    pane = Material("Pane", (0.0,) * 3, glass_rgb=(1.0,) * 3, glass_fresnel=False, glass_ior=1.0)
+    black, white = Material("Black", (0.0,) * 3), Material("White", (1.0,) * 3)
+    things = [(0.1, pane, ALL), (0.3, white, card), *((0.2, black, kinds) for kinds in lid)]
+    meshes = [quad_mesh("Floor"), *(moved(quad_mesh(f"Thing {k}"), (0, 0, z)) for k, (z, _, _) in enumerate(things))]
+    scene = make_scene(meshes, [LAMP], [black, *(material for _, material, _ in things)])
+    objects = [replace(one, seen_by=kinds) for one, (*_, kinds) in zip(scene.objects[1:], things, strict=True)]
+    scene = replace(scene, tri_material=scene.tri_object, objects=(scene.objects[0], *objects))
+    found, solver = gather_all(tmp_path, scene, on_sides=1.0)
+    on_floor = solver.tracing.texels.texel_tri < 2
+    assert found.irradiance_rgb[on_floor].mean() == pytest.approx(0.5 * is_seen, abs=0.3 * is_seen)
+
+
 def test_rays_below_the_face_see_nothing(tmp_path):
     """Of a floor whose normals lean by 60 degrees a quarter of the light is below it: (1 + cos 60) / 2 is left."""
     scene = make_scene([ROOM], [LAMP], [Material("Grey", (0.5,) * 3)])
