@@ -120,7 +120,7 @@ def test_ellipses():
     axes = np.array([[1.0, 0, 0], [0, 0.6, 0]])
     phi = 2 * math.pi * np.arange(2000) / 2000
     fine = np.stack([np.cos(phi), np.sin(phi)], axis=1) @ axes
-    for distance in (1.2, 2.0, 2.9, 3.1, 6.0):
+    for distance in (1.2, 2.0, 2.9, 3.1, 5.9, 6.1, 20.0):
         position, normal = distance * random_directions(300, 6), random_directions(300, 7)
         found, expected = ellipse_irradiance(np.zeros(3), axes, position, normal), polygon_irradiance(fine, position, normal)
         assert np.abs(found - expected).max() < 1e-3 * np.abs(expected).max()
