@@ -49,6 +49,12 @@ def test_not_where_direct_light_is_as_sure_as_it_has_to_be(direct, chosen):
     assert (choose_texels(ERROR, stated(direct * 1.001, direct), 10**9, field_of(DirectField, 1000), None) is not None) == chosen
 
 
+def test_of_light_that_is_all_that_errs_no_more_texels_than_bring_it_to_the_error():
+    """One ray more halves the squared error of each: the two worst take off a fourth of the whole, and for more there must be three."""
+    for direct, chosen in ((0.11, [3, 4]), (0.15, [2, 3, 4])):
+        assert choose_texels(ERROR, stated(direct, direct), 1000, field_of(DirectField, 100), None)[1].tolist() == chosen
+
+
 def test_the_one_whose_rays_help_most():
     direct, gathered = field_of(DirectField, 100), field_of(GatheredField, 10)
     for errors, expected in (((0.1, 0.09), gathered), ((0.3, 0.06), direct)):
