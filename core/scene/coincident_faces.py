@@ -90,11 +90,15 @@ class CoincidentFaces:
 
         direction   (3, n) float32
         """
-        count = np.ones(len(found.tri), np.float32)
-        tri, u, v = found.tri.copy(), found.u.copy(), found.v.copy()
-        rows = np.flatnonzero(self.row[tri] >= 0)
-        on_front = np.einsum("kn,kn->n", gather(direction, rows), gather(self.tri_normal, tri[rows])) < 0
-        rows = rows[self.near[on_front.astype(np.intp), self.row[tri[rows]], _find_cells(u[rows]) * _CELLS + _find_cells(v[rows])]]
+        count, tri, u, v = np.ones(len(found.tri), np.float32), found.tri, found.u, found.v
+        row = self.row.take(tri)
+        rows = np.flatnonzero(row >= 0)
+        cell = _find_cells(u[rows]) * _CELLS + _find_cells(v[rows])
+        on_back, on_front = self.near[:, row[rows], cell]
+        rows, alike = rows[on_back], on_front[on_back]  # on_back holds wherever on_front does
+        rows = rows[alike | (np.einsum("kn,kn->n", gather(direction, rows), gather(self.tri_normal, tri[rows])) >= 0)]
+        if not len(rows):
+            return found, count
         point = locate_hits(self.tri_frame, tri[rows], u[rows], v[rows])
         owner, place = expand_ranges(self.start[tri[rows]], self.start[tri[rows] + 1])
         other = self.other[place]
@@ -111,6 +115,7 @@ class CoincidentFaces:
         first = np.searchsorted(owner[kept], np.arange(len(rows) + 1))
         n_face = np.diff(first)
         chosen = kept[first[:-1] + _draw(found.u[rows], found.v[rows]) % n_face]
+        tri, u, v = tri.copy(), u.copy(), v.copy()
         tri[rows], u[rows], v[rows] = tri_at[chosen], u_at[chosen], v_at[chosen]
         count[rows] = n_face
         return replace(found, tri=tri, u=u, v=v), count
