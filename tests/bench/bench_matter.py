@@ -42,6 +42,9 @@ itself has no lightmap.
 Translucent BSDFs send light on to their other side. A texel of such a surface shows the light on its front. Cycles' bake shows there the
 light of both sides, weighted by the colours: of a Translucent BSDF alone that of the back.
 
+Colours of images are multiplied by alpha and interpolated as in Cycles, but for large images, which have its mean. A material that tells
+front from back (*Backfacing*) is baked as its front on both sides; a warning names it, as it does a volume that is left out.
+
 Metals are as rough as an image says, and as much of a surface is metal, point by point; the roughness of a dielectric layer counts by its
 mean. The Principled BSDF's Specular Tint tints the edges of metals, and scales what its layer reflects straight on by the mean of its
 channels. Normal maps count for light that arrives, for photons that go on, and for what metals and layers reflect.
