@@ -19,7 +19,7 @@ _TABLE_STEPS = 1 << 16
 _TABLE = srgb_to_linear(np.arange(_TABLE_STEPS, dtype=np.float32) / np.float32(_TABLE_STEPS - 1))
 _TABLE.flags.writeable = False
 _ROWS = 128  # of the finer image that are made at once
-_MEASURED = 64  # rows of an image by which the light between pixels is measured
+_MEASURED = 16  # rows of an image by which the light between pixels is measured
 _GAUSS = 0.5 - math.sqrt(1.0 / 12.0)  # of the two-point rule on [0, 1]
 
 
