@@ -130,6 +130,20 @@ def test_what_is_urgent_stands_above_the_result_and_the_plan(state):
     places = find_places("Starting", "has no faces", "Baked in")
     assert places == sorted(places), "Stop, which stands with the progress, stays where it is"
     state.end()
+    bpy.data.objects["Lamp"].hide_render = True
+    with pytest.raises(RuntimeError, match="the scene has no light"):
+        bpy.ops.leaflight.bake()
+    meter.measure(bpy.context)
+    places = find_places("the scene has no light", "has no faces", "Baked in", " texels, ")
+    assert places == sorted(places)
+    bpy.context.scene.leaflight.output = "//maps"  # of a file that is not saved, which is said with a button
+    assert [name for name, _ in draw()[1]][:2] == ["leaflight.bake", "wm.save_as_mainfile"]
+
+
+def test_every_button_has_a_tooltip():
+    buttons = [getattr(bpy.ops.leaflight, name).get_rna_type() for name in dir(bpy.ops.leaflight)]
+    assert len(buttons) >= 10
+    assert not [one.identifier for one in buttons if len(one.description.split()) < 3 or one.description.startswith("(")]
 
 
 def test_what_may_not_fit_a_page_is_told_before_the_bake():
