@@ -37,7 +37,7 @@ from ..read.tags import local_objects
 from ..read.world_cache import MapCache
 from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
-from ..show.layout import Layout, mark_layout, read_layout
+from ..show.layout import Layout, mark_layout, read_layout, worn_digest
 from ..show.page_store import find_folder, keep_page
 from ..show.scene_prints import Baked, Prints, describe_changes, list_changes, mark_prints, read_marked, walk_prints
 from . import spare_images
@@ -285,8 +285,20 @@ def show_pages(context: bpy.types.Context, session: Session, layout: Layout, pag
     mode = _pick_mode(session.request)
     warnings += materials_write.assign(ours, mode)
     warnings += materials_write.assign(theirs, mode, session.request.uv_layer)
+    warnings += _warn_shared(context.scene, [obj for _, obj in found])
     mark_layout(context.scene, layout, page_image, warnings)
     return warnings
+
+
+def _warn_shared(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> Warnings:
+    """A sentence for each object that other scenes with a bake of their own show as well."""
+    others = [one for one in bpy.data.scenes if one != scene and worn_digest(one)]
+    return [
+        (obj.name, f"{obj.name}: is in the scene {one.name} too, which now shows this bake on it; give each scene a copy of its own.")
+        for one in others
+        for obj in objects
+        if one.objects.get(obj.name) == obj
+    ]
 
 
 def get_layout(session: Session) -> Layout:

@@ -38,7 +38,8 @@ def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types
     for mesh in meshes:
         if mesh not in worn:
             uv_layer.remove_layer(mesh)
-    for one in [scene] if scene else bpy.data.scenes:
+    # An object of two scenes wears one bake: with it, the other scene may have lost the last of its own.
+    for one in [one for one in bpy.data.scenes if one == scene or not (one.library or (scene and has_bake(one)))]:
         for mark in (LAYOUT, SPARE, MISSING, PRINTS):
             remove_mark(one, mark)
         remove_marks(one)

@@ -95,3 +95,19 @@ def test_a_twin_that_is_in_no_scene_any_more_takes_no_mesh():
     run("Scene", "bake")
     assert restore.is_preview_on(bpy.data.scenes["Scene"])
     assert not bpy.context.window_manager.leaflight_state.warnings
+
+
+def test_an_object_of_both_scenes_wears_the_later_bake(tmp_path):
+    """Remove in one of them leaves nothing of the other's bake, which nobody could take off any more."""
+    cube, other = bpy.data.objects["Cube"], bpy.data.scenes["B/c"]
+    other.collection.objects.unlink(bpy.data.objects["Twin"])
+    other.collection.objects.link(cube)
+    before = dump()
+    run("Scene", "bake")
+    assert not [text for _, text in bpy.context.window_manager.leaflight_state.warnings if "scene" in text]
+    run("B/c", "bake")
+    told = dict(bpy.context.window_manager.leaflight_state.warnings)
+    assert told["Cube"].startswith("Cube: is in the scene Scene too, which now shows this bake on it")
+    run("Scene", "remove")
+    assert not restore.has_bake(other)
+    assert differences(before, dump()) == []
