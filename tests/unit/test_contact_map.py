@@ -153,6 +153,16 @@ def test_a_thing_covers_no_part_of_itself(tmp_path):
     assert len(cut.borders.entry) == 0
 
 
+def test_a_corridor_of_two_columns_is_one_piece(tmp_path):
+    """What is met beyond the next texel's point parts nothing from that."""
+    _, cut, _, scene = cut_floor(tmp_path, wall(31.3 / SIDE - 0.05), wall(32.7 / SIDE + 0.05))
+    pieces = draw_pieces(cut, scene)
+    assert (pieces[:, 31:33] == pieces[0, 31]).all()
+    assert len(cut.chart_page) == len(np.unique(pieces[0, [10, 28, 31, 36, 50]])) == 5
+    left, right = (np.flatnonzero(cut.texel_xy[:, 0] == column) for column in (31, 32))
+    assert not cut.borders.are_between(0, left, right).any()
+
+
 def turned(degrees, side):
     """The layer of a quad that is turned on its page."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
