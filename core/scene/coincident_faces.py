@@ -70,7 +70,7 @@ class CoincidentFaces:
         n_tri = len(corners)
         one, other = np.concatenate(pairs, axis=1)
         one, other = np.divmod(np.unique(np.append(one * n_tri + other, other * n_tri + one)), n_tri)
-        # Of what stands on a floor the undersides are met from below alone.
+        # A hit on a front goes to faces that face the same way; the undersides of what stands on a floor are not among them.
         alike = np.einsum("kn,kn->n", tri_normal[:, one], tri_normal[:, other]) > 0
         few = np.bincount(one, alike, n_tri) <= _MOST_OTHERS
         kept = few[one] & few[other]
