@@ -272,6 +272,7 @@ SCENES: dict[str, Callable[[], None]] = {
     "point lamp": _below_a_lamp(),
     "sun lamp": _below_a_lamp(kind="SUN", power=3.0),
     "area lamp, disk": _below_a_lamp(lambda data: setattr(data, "shape", "DISK"), "AREA"),
+    "area lamp, spread": _below_a_lamp(lambda data: setattr(data, "spread", 1.5), "AREA"),
     "IES lamp": _below_a_lamp(_use_profile, power=1.0),
     "spot with a picture": _below_a_lamp(_use_gobo, "SPOT", 200.0),
     "Light Falloff": _below_a_lamp(_use_falloff),
