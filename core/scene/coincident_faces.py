@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.coverage import CHUNK_SIZE, expand_ranges
+from ..util.coverage import chunk_ranges, expand_ranges
 from ..util.geometry import ORIGIN_OFFSET, gather, locate_hits, orthonormal_basis, triangle_frames
 from .rays import Hits, RayScene
 
@@ -21,6 +21,7 @@ _POINTS = np.array([[1, 1, 1], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3, 2.4]
 _PARALLEL = 1 - 1e-5  # least cosine between normals
 _PLANE_STEPS = 1 << 11  # of a normal's component, where planes are compared
 _PLANE_WIDTH = 4.0  # more than the unit box is wide
+_PIECES = 4
 _LEAST_OVERLAP = 1e-5  # unit box: neighbours in a plane overlap by rounding
 _CELLS = 16  # a side of a grid over a triangle, by which most hits are told to have no others
 _HAIR = 1e-4
@@ -176,21 +177,32 @@ def _find_overlaps(corners: _Rows, tri_normal: _Rows, rows: NDArray[np.int64], p
     _, first, place = np.unique(plane, return_index=True, return_inverse=True)
     axes = orthonormal_basis(tri_normal.T[rows[first[place.ravel()]]].astype(np.float64))  # those of the first triangle in the plane
     flat = np.stack([np.einsum("nkc,nc->nk", corners[rows], axis) for axis in axes], axis=2)
-    low, high = flat.min(axis=1), flat.max(axis=1)
-    order = np.lexsort((low[:, 0], plane))
+    low, high = flat.min(axis=1), flat.max(axis=1) - _LEAST_OVERLAP  # so that what only touches is beside each other
+    whose, strip = _cut_into_strips(low[:, 1], high[:, 1])
+    line = np.unique(place.ravel()[whose] * (np.ptp(strip) + 1) + strip, return_inverse=True)[1].ravel()
+    order = np.lexsort((low[whose, 0], line))
+    whose, begin = whose[order], _PLANE_WIDTH * line[order]
     rank = np.arange(len(order))
-    # Of each triangle those that follow it along the first axis, up to its end.
-    in_plane = plane[order].astype(np.float64) * _PLANE_WIDTH
-    end = np.searchsorted(in_plane + low[order, 0], in_plane + high[order, 0])
+    # Of each triangle those that follow it along its strip, up to its end.
+    end = np.searchsorted(begin + low[whose, 0], begin + high[whose, 0])
     found = [np.zeros((2, 0), np.int64)]
-    for part in np.array_split(rank, max(int((end - rank).sum()) // CHUNK_SIZE, 1)):
-        one, other = expand_ranges(part + 1, end[part])
-        one, other = order[part[one]], order[other]
+    for part, start, stop in chunk_ranges(rank + 1, end):
+        one, other = expand_ranges(start, stop)
+        one, other = whose[part[one]], whose[other]
         beside = (low[one, 1] < high[other, 1]) & (low[other, 1] < high[one, 1])
         one, other = one[beside], other[beside]
         kept = _overlap(flat[one], flat[other])
         found.append(np.stack([rows[one[kept]], rows[other[kept]]]))
     return np.concatenate(found, axis=1)
+
+
+def _cut_into_strips(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Intervals (m,) of (n,), and strips (m,) over which they lie: as narrow as the median interval, but m is at most _PIECES * n."""
+    step = max(float(np.median(high - low)), 1e-6)
+    while ((high - low) / step).sum() > (_PIECES - 2) * len(low):
+        step *= 2.0
+    first, last = (np.floor((of - low.min()) / step).astype(np.int64) for of in (low, high))
+    return expand_ranges(first, last + 1)
 
 
 def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
