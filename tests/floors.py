@@ -14,7 +14,7 @@ from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.rays import RayScene
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot
 from leaflight.core.scene.shadow_rays import ShadowRays
-from leaflight.core.texels.texel_footprint import TexelLooks
+from leaflight.core.texels.texel_footprint import TexelFootprints
 from leaflight.core.texels.tiles import Tiles
 from leaflight.core.transport import photons
 from leaflight.core.transport.photon_log import ShardHits
@@ -84,20 +84,20 @@ def morton_square(side: int) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def floor_looks(side: int, first_tri: int = 0) -> Callable[[np.ndarray], TexelLooks]:
-    """TexelMap.look_at, at all that is covered, for a quad_mesh of side * side texels in Morton order; its triangles start at first_tri."""
+def floor_footprints(side: int, first_tri: int = 0) -> Callable[[np.ndarray], TexelFootprints]:
+    """As TexelMap.footprints_at, of whole texels, for a quad_mesh of side * side texels in Morton order, from triangle first_tri on."""
     column, row = morton_square(side)
 
-    def look_at(texel: np.ndarray) -> TexelLooks:
+    def footprints_at(texel: np.ndarray) -> TexelFootprints:
         x, y, step = column[texel] / side, row[texel] / side, np.full(len(texel), 1 / side)
         lower = column[texel] >= row[texel]  # quad_mesh is fanned from (0, 0) over (1, 0), (1, 1), (0, 1)
         weight = np.zeros((3, 2, len(texel)))
         weight[0] = np.where(lower, x - y, x), np.where(lower, y, y - x)
         weight[1] = step, np.where(lower, 0, -step)
         weight[2] = np.where(lower, -step, 0), step
-        return TexelLooks.of_squares(np.where(lower, first_tri, first_tri + 1), weight)
+        return TexelFootprints.of_squares(np.where(lower, first_tri, first_tri + 1), weight)
 
-    return look_at
+    return footprints_at
 
 
 def floor_tiles(side: int) -> Tiles:

@@ -13,7 +13,7 @@ from leaflight.core.integrate import texel_light
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot
 from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.texels.texel_footprint import centred_strata
-from leaflight.core.texels.texel_map import LOOK, TexelMap
+from leaflight.core.texels.texel_map import FOOTPRINT_SIDE, TexelMap
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, make_scene, quad_mesh
@@ -112,7 +112,7 @@ def bake_known(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direc
     usual = {"size": SIZE_TEXELS, "hierarchical": False, "finest_texels": LEAF_TEXELS, "max_photons": photons, "error": 1e-3, "seed": 5}
     light = solve_scene(folder, scene, Settings(direct=direct, **{**usual, **knobs}))
     texels = traced_scene.open_tracing(str(folder)).texels
-    return KnownLight(light, texels, mean_over_texels(scene, texels, irradiance, LOOK if direct == "rays" else 1.0))
+    return KnownLight(light, texels, mean_over_texels(scene, texels, irradiance, FOOTPRINT_SIDE if direct == "rays" else 1.0))
 
 
 def bake_adaptive(folder: Path, scene: SceneSnapshot, irradiance: Irradiance, direct: str, size: int = 64, seed: int = 5) -> KnownLight:

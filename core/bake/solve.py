@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..filter import error_estimate
 from ..filter.radiosity_solution import RadiositySolution
 from ..filter.subtexel_tally import Squares
-from ..integrate.adaptive_sampling import DIRECT_SHARE, Look, Stop, Tell, choose_texels, have_look
+from ..integrate.adaptive_sampling import DIRECT_SHARE, SamplingStep, Stop, Tell, choose_texels, run_step
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
@@ -130,7 +130,7 @@ class Solver:
             if not traced:
                 self._trace_round(stated)
                 self.deadline.note_round(self.ledger.photons - before, time.monotonic() - since)
-            looked = time.monotonic()
+            began = time.monotonic()
             if reading is None or not traced:
                 reading = self.reading = self._read_tallies()
             traced = False
@@ -142,9 +142,9 @@ class Solver:
                 since, before = time.monotonic(), self.ledger.photons
                 continue
             light, stated = self._light(reading)
-            self.deadline.note_light(time.monotonic() - looked)
-            while (look := self._choose_look(reading, stated)) and not rules.break_off():
-                have_look(look, tell, rules.break_off, TRACING)
+            self.deadline.note_light(time.monotonic() - began)
+            while (step := self._choose_step(reading, stated)) and not rules.break_off():
+                run_step(step, tell, rules.break_off, TRACING)
                 light, stated = self._light(reading)
             stopped_by = rules.find_reason(light.error, light.photons) or self._find_haste()
             error = light.error if stopped_by in ("", "error") else stated.relative  # without the allowance for selection by a small error
@@ -161,7 +161,7 @@ class Solver:
         """ "time_limit" where not even a small round can be traced in the time left, else ""."""
         return "" if self.deadline.cap_photons(_LEAST_PHOTONS) == _LEAST_PHOTONS else "time_limit"
 
-    def _choose_look(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> Look | None:
+    def _choose_step(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> SamplingStep | None:
         """The step that sends more rays from texels, if it reduces the error by more than further photons do."""
         settings, ledger = self.settings, self.ledger
         if settings.direct != "rays" or (self.gathered and (self._gathers_once or stated.chosen <= settings.error)):

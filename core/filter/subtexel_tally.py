@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..radiosity.coefficient_shrinkage import beyond_noise
 from ..radiosity.tally import ShardTally, Tally, deposit, with_direct
 from ..texels.error_metric import DARK_FLOOR
-from ..texels.texel_map import LOOK, TexelMap
+from ..texels.texel_map import FOOTPRINT_SIDE, TexelMap
 from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.coverage import clip_to_texels
@@ -73,11 +73,11 @@ class Squares:
         """The squares of the texel entries `wanted` (n,) bool whose centres are covered."""
         entry = np.flatnonzero(wanted & texels.is_central & uses("subtexel_tallies"))
         density = texels.tri_density[texels.texel_tri[entry]]
-        full = LOOK * LOOK * density
+        full = FOOTPRINT_SIDE * FOOTPRINT_SIDE * density
         area = full.copy()
         cut = np.flatnonzero(np.isin(entry, texels.part_entry))  # the others lie wholly inside their triangles
         corners, xy = texels.tri_uv[texels.texel_tri[entry[cut]]], texels.texel_xy[entry[cut]]
-        pieces = clip_to_texels(corners, xy, np.full(len(cut), LOOK))
+        pieces = clip_to_texels(corners, xy, np.full(len(cut), FOOTPRINT_SIDE))
         area[cut] = np.bincount(pieces.pair, pieces.area, len(cut)) * density[cut]
         kept = area > _LEAST_SHARE * full
         return cls(entry[kept].astype(np.int32), area[kept])
@@ -114,7 +114,7 @@ def deposit_on_squares(
     rows = np.flatnonzero(has_square.take(entry)) if len(square_entry) else np.zeros(0, np.intp)
     rows = rows[tri.take(rows) == texels.texel_tri.take(entry.take(rows))]
     column, row = texels.texel_xy.take(entry.take(rows), axis=0).T
-    rows = rows[(np.abs(x.take(rows) - column - 0.5) < LOOK / 2) & (np.abs(y.take(rows) - row - 0.5) < LOOK / 2)]
+    rows = rows[(np.abs(x.take(rows) - column - 0.5) < FOOTPRINT_SIDE / 2) & (np.abs(y.take(rows) - row - 0.5) < FOOTPRINT_SIDE / 2)]
     slot = np.searchsorted(square_entry, entry.take(rows))
     nowhere = np.zeros(len(rows))
     first = None if is_first is None else is_first.take(rows)

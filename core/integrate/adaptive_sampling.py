@@ -19,7 +19,7 @@ from .gathered import GatheredField
 Tell: TypeAlias = Callable[[Message], None]
 Stop: TypeAlias = Callable[[], bool]
 # Sends rays from texels; its arguments receive progress and request a stop.
-Look: TypeAlias = Callable[[Tell, Stop], object]
+SamplingStep: TypeAlias = Callable[[Tell, Stop], object]
 
 DIRECT_SHARE = 0.5  # direct light by rays may contribute this share of the requested error
 # Size of a batch relative to all earlier estimates, if enough texels need more. The error is stated after each batch, which takes about as
@@ -85,14 +85,14 @@ def _find_enough(
     return np.sort(worst[order[: max(count, least)]])
 
 
-def have_look(look: Look, tell: Tell, should_stop: Stop, following: Message) -> None:
-    """Send rays by `look`; if it reported progress, report `following` afterwards."""
+def run_step(step: SamplingStep, tell: Tell, should_stop: Stop, following: Message) -> None:
+    """Send rays by `step`; if it reported progress, report `following` afterwards."""
     heard: list[Message] = []
 
     def tell_of(message: Message) -> None:
         heard.append(message)
         tell(message)
 
-    look(tell_of, should_stop)
+    step(tell_of, should_stop)
     if heard:
         tell(following)

@@ -23,14 +23,14 @@ from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
 from ..scene.scene import DIFFUSE, SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, collapse
-from ..texels.texel_footprint import TexelLooks
+from ..texels.texel_footprint import TexelFootprints
 from ..texels.tiles import Tiles
 from ..util.ablation import uses
 from ..util.arrays import Float64, FloatArray, IntArray
 from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
 from ..util.geometry import UnitBox
-from .direct_tiles import look_from_tiles
+from .direct_tiles import sample_tiles
 from .visibility_estimator import Tally
 
 _MOST_TRIANGLE_SOURCES = 12  # up to so many emitting triangles are sampled one by one
@@ -158,7 +158,7 @@ class DirectLight:
 
 def direct_irradiance(
     scene: DirectScene,
-    look_at: Callable[[IntArray], TexelLooks],
+    footprints_at: Callable[[IntArray], TexelFootprints],
     texel: IntArray,
     rng: np.random.Generator,
     tolerance: float = 0.01,
@@ -170,14 +170,14 @@ def direct_irradiance(
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
-    look_at      TexelMap.look_at, or a function like it
-    texel        (n,) int: arguments of look_at; neighbours in space should be neighbours here (Morton order)
-    tolerance    standard error, relative to the texel's light, at which a light gets no more rays
-    max_rays     per texel and light: 4, 16 or 64
-    tiles        tiles of the texels, which then share their first samples of lights
-    crossed      (n,) bool: texels whose footprint reaches past the foot of an object on them, and so differs from their neighbours'
-    beside       (n,) float32, W/m^2: other light of the texels, from ReferenceLevel; None for none
-    dark         W/m^2: Demand.dark
+    footprints_at   TexelMap.footprints_at, or a function like it
+    texel           (n,) int: arguments of footprints_at; neighbours in space should be neighbours here (Morton order)
+    tolerance       standard error, relative to the texel's light, at which a light gets no more rays
+    max_rays        per texel and light: 4, 16 or 64
+    tiles           tiles of the texels, which then share their first samples of lights
+    crossed         (n,) bool: texels whose footprint reaches past the foot of an object on them, and so differs from their neighbours'
+    beside          (n,) float32, W/m^2: other light of the texels, from ReferenceLevel; None for none
+    dark            W/m^2: Demand.dark
     """
     irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
     out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
@@ -187,26 +187,26 @@ def direct_irradiance(
     # Estimates for each pair of texel and light take memory; and the choice among many lights rests on what neighbours see.
     most, apart = (MOST_TEXELS // 2, crossed) if has_many else (MOST_TEXELS, np.zeros_like(crossed))
     for group in (every[~apart], every[apart]):
-        for part, chunk in each_chunk(scene.surfaces, look_at, texel[group], scene.tri_two_sided, rng, most):
+        for part, chunk in each_chunk(scene.surfaces, footprints_at, texel[group], scene.tri_two_sided, rng, most):
             rows = group[part]
             alone = crossed[rows]
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             smooth = whole.without(chunk.have_bumps(np.arange(len(chunk))))
             demand = Demand(tolerance, max_rays, smooth.on_one_triangle(chunk.tri), alone, dark)
-            looking = _LookingChunk(scene, chunk, demand, beside[rows], rng)
-            value, error = looking.find_light()
+            sampler = _ChunkSampler(scene, chunk, demand, beside[rows], rng)
+            value, error = sampler.find_light()
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error
-            for few in looking.openings:
+            for few in sampler.openings:
                 by_openings[rows[few.rows]] = True
-            if looking.sky is not None:
-                by_openings[rows[looking.sky.few]] = True
-            out.count(looking.counters)
+            if sampler.sky is not None:
+                by_openings[rows[sampler.sky.few]] = True
+            out.count(sampler.counters)
     return out
 
 
-class _LookingChunk:
+class _ChunkSampler:
     """Direct light of one chunk of texels, while it is computed.
 
     beside     (n,) float32, W/m^2: other light of the texels
@@ -229,7 +229,7 @@ class _LookingChunk:
     def find_light(self) -> tuple[Float64, Float64]:
         """Irradiance (n, 3), W/m^2, and its variance; may be called once."""
         for source in self._scene.sources:
-            self._look_first(source)
+            self._sample_first(source)
         for tally in self._tallies:
             leads = np.flatnonzero(tally.leads)
             bumped = self._chunk.have_bumps(tally.rows[leads])
@@ -261,31 +261,31 @@ class _LookingChunk:
             self._variance += tally.variance(len(self._chunk))
         return found + self._shared, self._variance
 
-    def _look_first(self, source: Source) -> None:
+    def _sample_first(self, source: Source) -> None:
         """Add a source's light where flat tiles settle it, and prepare a tally, or openings, for texels that sample it themselves."""
         chunk, demand, rng = self._chunk, self._demand, self._rng
-        look = look_from_tiles(self._scene.rays_to(source), chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
+        first = sample_tiles(self._scene.rays_to(source), chunk, demand.flat, source, random_shift(rng, len(demand.flat)))
         unlit = self._scene.find_unlit(source, chunk.tri)
         unlit = np.zeros(len(chunk), bool) if unlit is None else unlit
-        lit, off = (np.where(look.lit & ~unlit, values, 0.0) for values in (look.closed, look.off))
+        lit, off = (np.where(first.lit & ~unlit, values, 0.0) for values in (first.closed, first.off))
         for channel, power in enumerate(source.rgb[0]):  # several times faster than (n, 3) at once
             self._shared[:, channel] += lit * power
             self._variance[:, channel] += (off * power) ** 2
-        without = look.closed == 0
-        agreed, given, every = look.lit | look.dark | unlit, np.zeros(len(chunk), bool), np.arange(len(chunk))
+        without = first.closed == 0
+        agreed, given, every = first.lit | first.dark | unlit, np.zeros(len(chunk), bool), np.arange(len(chunk))
         if isinstance(source, WorldSource) and uses("openings"):
             level = weigh_channels(self._shared) + self._beside
-            few = Openings.find(self._scene.sky_rays, chunk, source, np.flatnonzero(~agreed), look.looks, level, demand, rng)
+            few = Openings.find(self._scene.sky_rays, chunk, source, np.flatnonzero(~agreed), first.pilots, level, demand, rng)
             self.openings.append(few)
             self.counters["rays"] += few.rays
             given[few.rows] = True
         is_left = ~(agreed | without | given)
         rows, place = np.flatnonzero(is_left), np.cumsum(is_left) - 1
-        leads = np.where(given[look.leader], every, look.leader)
-        known, shift = np.stack([look.closed[rows], look.off[rows]]), random_shift(rng, len(rows))
+        leads = np.where(given[first.leader], every, first.leader)
+        known, shift = np.stack([first.closed[rows], first.off[rows]]), random_shift(rng, len(rows))
         tally = Tally(source, rows, None, shift, known, place[leads[rows]], demand.are_alone(rows))
         self._tallies.append(tally)
-        self.counters["rays"] += look.rays
+        self.counters["rays"] += first.rays
         self.counters["pairs"] += len(chunk) - len(rows)
         self.counters["out_of_reach"] += int(without.sum())
         self.counters["settled"] += int(agreed.sum())

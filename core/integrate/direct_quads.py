@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..texels.quads import QUAD_TEXELS, Quads, find_misfit, spread_over_texels
-from ..texels.texel_footprint import TexelLooks
+from ..texels.texel_footprint import TexelFootprints
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_TEXELS, Tiles
 from ..util.ablation import uses
@@ -25,14 +25,14 @@ _LEAST_PAGE = 2048
 _SIDE = 2.0  # texels: rays start on the whole quad, or a row of quads could miss an object thinner than a texel
 
 
-LookAt: TypeAlias = Callable[[IntArray], TexelLooks]
+FootprintsAt: TypeAlias = Callable[[IntArray], TexelFootprints]
 
 
 class FindLight(Protocol):
     """direct.direct_irradiance with the arguments shared by a shard's texels and its quads."""
 
     def __call__(
-        self, look_at: LookAt, texel: IntArray, *, tiles: Tiles, crossed: NDArray[np.bool_] | None, beside: NDArray[np.float32]
+        self, footprints_at: FootprintsAt, texel: IntArray, *, tiles: Tiles, crossed: NDArray[np.bool_] | None, beside: NDArray[np.float32]
     ) -> DirectLight: ...
 
 
@@ -63,8 +63,8 @@ def light_by_quads(
     left = np.ones(len(entry), bool)
     if len(quads):
         first = quads.first
-        looks = partial(texels.look_at, look=_SIDE, middle=0.5 * _SIDE)
-        found = find_light(looks, entry[first], tiles=quads.tiles(), crossed=None, beside=beside[first])
+        footprints = partial(texels.footprints_at, side=_SIDE, middle=0.5 * _SIDE)
+        found = find_light(footprints, entry[first], tiles=quads.tiles(), crossed=None, beside=beside[first])
         value, noise = found.irradiance_rgb.astype(np.float64), found.variance_rgb.astype(np.float64)
         misfit = np.stack([find_misfit(*of) for of in zip(value.T, noise.T, strict=True)], axis=1)
         level = (weigh_channels(value) + beside[first]).reshape(len(quads), -1).mean(axis=1)
@@ -76,7 +76,7 @@ def light_by_quads(
         out.by_quads[rows], left[rows] = True, False
         out.count(found.counters, by_quads=len(rows))
     rows = np.flatnonzero(left)
-    found = find_light(texels.look_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
+    found = find_light(texels.footprints_at, entry[rows], tiles=tiles.within(rows), crossed=crossed[rows], beside=beside[rows])
     into = as_slice(rows)
     irradiance[into], variance[into], out.by_openings[into] = found.irradiance_rgb, found.variance_rgb, found.by_openings
     out.count(found.counters)

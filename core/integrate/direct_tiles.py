@@ -29,7 +29,7 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class FirstLook:
+class TileSamples:
     """What the tiles found about one light at the texels of a chunk.
 
     closed   (n,) float64   unoccluded irradiance for rgb = 1; nan where no tile interpolates it
@@ -39,7 +39,7 @@ class FirstLook:
                             the texel's own row
     dark     (n,) bool      the light has no extent and is hidden
     rays     number of rays traced
-    looks    the rays
+    pilots   the rays
     """
 
     closed: Float64
@@ -48,10 +48,10 @@ class FirstLook:
     dark: Bools
     leader: NDArray[np.int64]
     rays: int
-    looks: TracedRays
+    pilots: TracedRays
 
 
-def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> FirstLook:
+def sample_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> TileSamples:
     """Sample a light by the tiles of a chunk.
 
     A small gap that the few rays missed may let through a little of a light with an extent: in a dark tile one random texel goes on
@@ -67,12 +67,12 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
     reached = np.flatnonzero(accepted)[values.any(axis=1)]
     full, none = np.zeros((2, len(tiles)), bool)
     traced = 0
-    looks = [(np.zeros(0, np.int64), np.zeros((0, 2), np.float32), np.zeros(0, bool))]
+    pilots = [(np.zeros(0, np.int64), np.zeros((0, 2), np.float32), np.zeros(0, bool))]
     for piece in row_pieces(reached, TILE_TEXELS):
         rows = texels[piece].ravel()
         to = shift_points(_TILE_POINTS, shift[piece]).transpose(1, 0, 2).reshape(-1, 2)
         full[piece], none[piece], seen, n_ray = _see_tiles(rays, chunk.receivers(rows, 0, 1), source, to)
-        looks.append((rows, to, seen))
+        pilots.append((rows, to, seen))
         traced += n_ray
     asked, whole = np.zeros((2, len(tiles)), bool)
     asked[reached], whole[accepted] = True, values.all(axis=1)
@@ -84,7 +84,7 @@ def look_from_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: S
     else:  # chosen by the low bits of the shift, which points on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
-    return FirstLook(closed, off, lit, dark, leader, traced, TracedRays(*(np.concatenate(part) for part in zip(*looks, strict=True))))
+    return TileSamples(closed, off, lit, dark, leader, traced, TracedRays(*(np.concatenate(part) for part in zip(*pilots, strict=True))))
 
 
 def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools | Float32, int]:

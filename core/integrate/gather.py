@@ -101,7 +101,7 @@ class GatheredLight:
     irradiance_rgb   (n, 3) float32, W/m^2, as of DirectLight, as are the variance and the counters
     variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
     doubt            (n,) float32, W/m^2: what comes of KnownLight.doubt
-    by_quads, by_openings   each texel looks for itself, at surfaces
+    by_quads, by_openings   each texel has rays of its own
     """
 
     irradiance_rgb: Float32
@@ -122,10 +122,10 @@ def gather_light(
     """Light from surfaces at texels (n,) int; the other arguments as of direct.direct_irradiance, the tolerance relative to all light."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
     doubt, n_ray = np.zeros(len(texel), np.float32), 0
-    for part, chunk in each_chunk(scene.receiving, scene.texels.look_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
+    for part, chunk in each_chunk(scene.receiving, scene.texels.footprints_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
         rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
-        light, error, traced = sample_adaptively(gathering.look, rows, Demand(tolerance), base)
+        light, error, traced = sample_adaptively(gathering.sample, rows, Demand(tolerance), base)
         irradiance[part] += light
         variance[part] += error
         doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)
@@ -147,7 +147,7 @@ class _Gathering:
         self._on_hits = HitLight(scene.lights, rng)
         self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
 
-    def look(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
+    def sample(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
         """(k, len(rows), 3) float64: what each ray says of all light from surfaces, W/m^2, in the order of strata; and rays traced."""
         scene = self._scene
         receivers = self._chunk.receivers(rows, *span)

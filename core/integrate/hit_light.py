@@ -40,22 +40,22 @@ class HitLight:
         The closed form of a light is multiplied by the visibility of one point of it, chosen uniformly by area or solid angle (as in
         visibility_estimator.Tally). That is biased in penumbrae, but bounds the light of a lamp that nearly touches the surface.
         """
-        light, traced = self._look_at_sources(receivers, tri)
+        light, traced = self._sample_sources(receivers, tri)
         scene, rng = self._scene, self._rng
         if scene.crowd is not None:
             lamp, chance = scene.crowd.choose(receivers, rng)
             for lamps, own in scene.crowd.split(lamp):
-                looking = receivers.rows(own)
-                unoccluded = lamps.irradiance(looking.position, looking.normal) / chance[own]
-                found = self._look(lamps, scene.rays, looking)
+                asking = receivers.rows(own)
+                unoccluded = lamps.irradiance(asking.position, asking.normal) / chance[own]
+                found = self._trace(lamps, scene.rays, asking)
                 light[own] += found.times(unoccluded[:, None] * lamps.rgb)
                 traced += found.rays
         for pool in scene.pools:
             unlit = scene.find_unlit(pool, tri)
             own = np.arange(len(tri)) if unlit is None else np.flatnonzero(~unlit)
-            looking = receivers.rows(own)
-            radiance, aim = pool.choose(looking, rng)
-            seen = looking.see(scene.rays_to(pool), aim)
+            asking = receivers.rows(own)
+            radiance, aim = pool.choose(asking, rng)
+            seen = asking.see(scene.rays_to(pool), aim)
             light[own] += seen.times(radiance * aim.weight[:, None])
             traced += seen.rays
         if scene.environment is not None:
@@ -67,7 +67,7 @@ class HitLight:
             traced += seen.rays
         return light, traced
 
-    def _look_at_sources(self, receivers: Receivers, tri: IntArray) -> tuple[Float64, int]:
+    def _sample_sources(self, receivers: Receivers, tri: IntArray) -> tuple[Float64, int]:
         scene, light, traced = self._scene, np.zeros((len(tri), 3)), 0
         if not scene.sources:
             return light, traced
@@ -85,14 +85,14 @@ class HitLight:
             own = np.flatnonzero(chosen == number)  # where no light shines, `chosen` is the number of sources, and none is found
             if len(own):
                 given = unoccluded[number, own] * (end[-1, own] / worth[number, own])
-                found = self._look(source, scene.rays_to(source), receivers.rows(own))
+                found = self._trace(source, scene.rays_to(source), receivers.rows(own))
                 light[own] = found.times(given[:, None] * source.rgb)
                 self._sent[number] += len(own)
                 self._seen[number] += found.share.sum()
                 traced += found.rays
         return light, traced
 
-    def _look(self, lights: Source, rays: ShadowRays, receivers: Receivers) -> Sight:
+    def _trace(self, lights: Source, rays: ShadowRays, receivers: Receivers) -> Sight:
         """What each of n points sees of its light: visibility of one point of it, times what the closed form leaves out, see Aim."""
         u: Float32 = self._rng.random((len(receivers.position), 2), np.float32)
         aim = lights.aim(receivers.position, receivers.normal, u)

@@ -23,7 +23,7 @@ from ..filter.clip_light import clip_light
 from ..filter.firefly_clamp import clip_flecks
 from ..filter.neighbours import Neighbours
 from ..radiosity.quadtree import node_at_entries, node_of_texel
-from ..texels.texel_map import LOOK, TexelMap
+from ..texels.texel_map import FOOTPRINT_SIDE, TexelMap
 from ..util.ablation import uses
 from ..util.arrays import Float32, IntArray
 from ..util.threads import run_on_threads
@@ -174,7 +174,7 @@ def _share_across_occluders(light: Float32, texels: TexelMap) -> None:
 
     light   (C, n, 3) float32
     """
-    entry, beyond, share = texels.borders.list_beyond(LOOK)
+    entry, beyond, share = texels.borders.list_beyond(FOOTPRINT_SIDE)
     for of_part, moved in zip(light, share[:, None] * (light[:, beyond] - light[:, entry]), strict=True):
         np.add.at(of_part, entry, moved)
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_scene_open, keep_view_open
 from ..texels.quads import Quads
-from ..texels.texel_map import LOOK
+from ..texels.texel_map import FOOTPRINT_SIDE
 from ..texels.tiles import Tiles
 from ..transport.traced_scene import open_tracing
 from ..util import sampling
@@ -81,7 +81,7 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
     texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
     entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
-    crossed = texels.borders.see_beyond(entry, LOOK)
+    crossed = texels.borders.see_beyond(entry, FOOTPRINT_SIDE)
     beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
     light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, dark=shard.dark)
     # Repeated texels were not exact enough.

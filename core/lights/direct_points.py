@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..scene.normal_maps import NormalMaps, shade_bumps
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, Sight
-from ..texels.texel_footprint import TexelLooks
+from ..texels.texel_footprint import TexelFootprints
 from ..texels.texel_grid import interleave_bits
 from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64, IntArray
 from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
@@ -157,9 +157,9 @@ class ReceivingSurfaces:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
         return locate_hits(self.tri_frame, tri, u, v).T
 
-    def follow(self, looks: TexelLooks, flip: bool) -> ReceiverFrames:
+    def follow(self, footprints: TexelFootprints, flip: bool) -> ReceiverFrames:
         """Positions and normals at the elements of footprints; on their backs if `flip`."""
-        tri, weight = looks.tri, looks.weight
+        tri, weight = footprints.tri, footprints.weight
         side = self.normal.T.take(tri, axis=1)
         if flip:
             side *= np.float32(-1)
@@ -191,7 +191,7 @@ def _follow_axes(frame: Float32, tri: IntArray, weight: Float32) -> Float32:
 
 @dataclass(frozen=True)
 class Bumps:
-    """Normal maps on the elements of TexelLooks.
+    """Normal maps on the elements of TexelFootprints.
 
     bumped   (n,) bool           whether the element has a map
     tri      (n,) int32
@@ -219,7 +219,7 @@ class Bumps:
 
 @dataclass(frozen=True)
 class ReceiverFrames:
-    """Receivers on the elements of TexelLooks, linear in two coordinates: values at the origin, and increments along both axes.
+    """Receivers on the elements of TexelFootprints, linear in two coordinates: values at the origin, and increments along both axes.
 
     position   (3, 3, n) float32, unit box    [origin or axis, x y z, element], already offset from the surface
     side       (3, n) float32, unit           geometric normal
@@ -265,22 +265,22 @@ def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
 class TexelChunk:
     """Some texels as receivers, with a random shift of the sample points of each.
 
-    looks      footprints of n texels
-    shift      (n, 2) uint32
-    surfaces   the surfaces of the footprints
-    flip       whether the backs of the texels receive the light
+    footprints   of n texels
+    shift        (n, 2) uint32
+    surfaces     the surfaces of the footprints
+    flip         whether the backs of the texels receive the light
     """
 
-    def __init__(self, looks: TexelLooks, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
-        self._looks, self._shift, self._frames = looks, shift, surfaces.follow(looks, flip)
+    def __init__(self, footprints: TexelFootprints, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
+        self._footprints, self._shift, self._frames = footprints, shift, surfaces.follow(footprints, flip)
 
     def __len__(self) -> int:
-        return len(self._looks)
+        return len(self._footprints)
 
     @property
     def tri(self) -> Int32:
         """(n,) int32: triangle of each texel's representative point."""
-        return self._looks.tri[: len(self)]
+        return self._footprints.tri[: len(self)]
 
     def have_bumps(self, rows: IntArray) -> BoolArray:
         """(m,) bool: whether texels rows (m,) have a normal map."""
@@ -295,10 +295,10 @@ class TexelChunk:
         shape = (3, len(points), len(rows))
         a, b = (np.broadcast_to(points[..., axis].astype(np.float32, copy=False), shape[1:]) for axis in (0, 1))
         position, normal, side = self._frames.at(rows[None], a, b)
-        part = self._looks.part[rows]
+        part = self._footprints.part[rows]
         torn = np.flatnonzero(part >= 0)
         if len(torn):
-            chosen = self._looks.choose(part[torn], np.broadcast_to(points, (*shape[1:], 2))[:, torn])
+            chosen = self._footprints.choose(part[torn], np.broadcast_to(points, (*shape[1:], 2))[:, torn])
             position[:, :, torn], own_normal, own_side = self._frames.at(*chosen)
             flat = normal is side and own_normal is own_side
             side = _replace_columns(side, shape, torn, own_side)
@@ -311,7 +311,7 @@ class TexelChunk:
 
 def each_chunk(
     surfaces: ReceivingSurfaces,
-    look_at: Callable[[IntArray], TexelLooks],
+    footprints_at: Callable[[IntArray], TexelFootprints],
     texel: IntArray,
     tri_two_sided: BoolArray,
     rng: np.random.Generator,
@@ -321,12 +321,12 @@ def each_chunk(
     (n_tri,) bool, come twice, since their backs receive light too.
     """
     for start in range(0, len(texel), most):
-        looks = look_at(texel[start : start + most])
-        part = start + np.arange(len(looks))
-        yield part, TexelChunk(looks, random_shift(rng, len(part)), surfaces, False)
-        backs = part[tri_two_sided[looks.tri[: len(looks)]]]
+        footprints = footprints_at(texel[start : start + most])
+        part = start + np.arange(len(footprints))
+        yield part, TexelChunk(footprints, random_shift(rng, len(part)), surfaces, False)
+        backs = part[tri_two_sided[footprints.tri[: len(footprints)]]]
         if len(backs):
-            yield backs, TexelChunk(look_at(texel[backs]), random_shift(rng, len(backs)), surfaces, True)
+            yield backs, TexelChunk(footprints_at(texel[backs]), random_shift(rng, len(backs)), surfaces, True)
 
 
 def _replace_columns(values: Float32, shape: tuple[int, int, int], columns: IntArray, others: Float32) -> Float32:

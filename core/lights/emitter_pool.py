@@ -186,9 +186,9 @@ class EmitterPool:
         row, which = np.nonzero(away2 < _NEAR * area)
         for piece in row_pieces(np.arange(len(row)), _CORNERS_WORK):
             rows, runs, cells = row[piece], run[which[piece]], cell[which[piece]]
-            looking, normal = receivers.rows(rows), take_rows(self.scene.normal, self.cells.tri[cells])
-            given = np.abs(polygon_irradiance(self.corners[cells], looking.position, looking.normal))
-            given[self.sealed[cells] & (dot_rows(looking.position - take_rows(self.middle, cells), normal) < 0)] = 0
+            asking, normal = receivers.rows(rows), take_rows(self.scene.normal, self.cells.tri[cells])
+            given = np.abs(polygon_irradiance(self.corners[cells], asking.position, asking.normal))
+            given[self.sealed[cells] & (dot_rows(asking.position - take_rows(self.middle, cells), normal) < 0)] = 0
             estimated[rows, runs] = np.maximum(estimated[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
         return estimated
 
@@ -201,10 +201,10 @@ class EmitterPool:
         seen, n_ray = np.empty((n_block * _PILOTS, n_cluster), np.float32), 0
         for piece in row_pieces(np.arange(n_block * _PILOTS), n_cluster):
             cluster = np.tile(np.arange(n_cluster), len(piece))
-            looking = receivers.rows(np.repeat(piece, n_cluster))
-            cell, _ = self.clusters.choose(looking, cluster, rng.random(len(cluster)))
-            aim, _ = self._aim(looking, cell, rng.random((len(cell), 2), np.float32))
-            visible = looking.see(rays, aim)
+            asking = receivers.rows(np.repeat(piece, n_cluster))
+            cell, _ = self.clusters.choose(asking, cluster, rng.random(len(cluster)))
+            aim, _ = self._aim(asking, cell, rng.random((len(cell), 2), np.float32))
+            visible = asking.see(rays, aim)
             n_ray += visible.rays
             seen[piece] = visible.share.reshape(len(piece), n_cluster)
         by_block = seen.reshape(n_block, _PILOTS, n_cluster).mean(axis=1)
@@ -240,15 +240,15 @@ class EmitterPool:
         # Chosen by the centroid, not by the ray's end: else near ends would have the mean weight, and far ones their own lower weight.
         middle = take_rows(self.middle, cell) - receivers.position
         near = np.flatnonzero(self.constant[cell] & (weight > 0) & (dot_rows(middle, middle) < _NEAR * self.area[cell]))
-        looking, corners = receivers.rows(near), self.corners[cell[near]]
-        height = ((corners - looking.position[:, None]) * looking.normal[:, None]).sum(axis=2)
+        asking, corners = receivers.rows(near), self.corners[cell[near]]
+        height = ((corners - asking.position[:, None]) * asking.normal[:, None]).sum(axis=2)
         # Points below the horizon have weight 0, so the points above, a share p of the area, get the closed form divided by p.
         # Corners shared with the receiver's own face lie on the horizon up to rounding.
         whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
         share = np.where(whole, 1.0, _share_above(height))
         chosen = whole | (share > 0)
-        near, looking = near[chosen], looking.rows(np.flatnonzero(chosen))
-        weight[near] = np.abs(polygon_irradiance(corners[chosen], looking.position, looking.normal)) / share[chosen]
+        near, asking = near[chosen], asking.rows(np.flatnonzero(chosen))
+        weight[near] = np.abs(polygon_irradiance(corners[chosen], asking.position, asking.normal)) / share[chosen]
 
 
 def _share_above(height: FloatArray) -> Float64:

@@ -206,11 +206,11 @@ class RestOfCrowd:
         """(n, 3) float64: irradiance by one ray from each receiver to its lamp; and rays traced."""
         value, traced = np.zeros((len(lamp), 3)), 0
         for lamps, own in self._crowd.split(lamp):
-            looking = receivers.rows(own)
-            aim = lamps.aim(looking.position, looking.normal, u[own])
+            asking = receivers.rows(own)
+            aim = lamps.aim(asking.position, asking.normal, u[own])
             given = aim.weight[:, None] * lamps.rgb
             if lamps.casts_shadow:
-                seen = looking.see(rays, aim)
+                seen = asking.see(rays, aim)
                 given, traced = seen.times(given), traced + seen.rays
             value[own] = given
         return value, traced

@@ -71,12 +71,12 @@ class Openings:
         chunk: TexelChunk,
         source: WorldSource,
         rows: Int64,
-        looks: TracedRays,
+        pilots: TracedRays,
         beside: Float64,
         demand: Demand,
         rng: np.random.Generator,
     ) -> Openings:
-        """Those of the texels `rows` (n,), ascending, for which plain rays are too noisy; texels without looks trace a pilot ray.
+        """Those of the texels `rows` (n,), ascending, for which plain rays are too noisy; texels without pilots trace a pilot ray.
 
         beside   (n_texel,) W/m^2: other light
 
@@ -85,9 +85,9 @@ class Openings:
         place = np.full(len(chunk), -1)
         place[rows] = np.arange(len(rows))
         known = _Known.none(len(rows))
-        held = place[looks.texel] >= 0
-        known.add(place[looks.texel[held]], _cell_at(looks.to[held]), looks.seen[held])
-        place[looks.texel[held]] = -1
+        held = place[pilots.texel] >= 0
+        known.add(place[pilots.texel[held]], _cell_at(pilots.to[held]), pilots.seen[held])
+        place[pilots.texel[held]] = -1
         sky = math.pi * float(weigh_channels(source.rgb)[0])
         region = BLOCK_TEXELS * _REGIONS_BLOCKS[0]
         level = (sum_regions(beside[rows], region) / sum_regions(np.ones(len(rows)), region))[::BLOCK_TEXELS]

@@ -127,13 +127,13 @@ class TexelBorders:
         divided: NDArray[np.bool_] = np.isfinite(self.reach).any(axis=0) | (self.diagonal >= 0).any(axis=0)
         return divided
 
-    def see_beyond(self, entry: IntArray, look: float) -> NDArray[np.bool_]:
-        """(m,) bool: whether the square of side `look`, texels, around the centre of entries (m,) reaches beyond a surface."""
+    def see_beyond(self, entry: IntArray, side: float) -> NDArray[np.bool_]:
+        """(m,) bool: whether the square of side `side`, texels, around the centre of entries (m,) reaches beyond a surface."""
         found = np.zeros(len(entry), bool)
         if len(self.entry):
             rows = np.flatnonzero(self.crossed[entry])
             own = np.searchsorted(self.entry, entry[rows])
-            found[rows] = np.minimum(self.reach[:, own].min(axis=0), self.corner[:, :, own].max(axis=1).min(axis=0)) < 0.5 * look
+            found[rows] = np.minimum(self.reach[:, own].min(axis=0), self.corner[:, :, own].max(axis=1).min(axis=0)) < 0.5 * side
         return found
 
     def are_between(self, way: int, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
@@ -161,9 +161,9 @@ class TexelBorders:
         found[rows] = np.where(owner >= 0, owner, entry.take(rows))
         return found
 
-    def list_beyond(self, look: float) -> tuple[Int64, Int32, Float64]:
-        """Entries (m,) whose square of side `look`, texels, reaches beyond a surface; the entries there; and their shares of the square."""
-        inside, corner = (np.maximum(0.5 * look - reach.astype(np.float64), 0.0) / look for reach in (self.reach, self.corner))
+    def list_beyond(self, side: float) -> tuple[Int64, Int32, Float64]:
+        """Entries (m,) whose square of side `side`, texels, reaches beyond a surface; the entries there; and their shares of the square."""
+        inside, corner = (np.maximum(0.5 * side - reach.astype(np.float64), 0.0) / side for reach in (self.reach, self.corner))
         share, beyond = np.concatenate([inside, corner.prod(axis=1)]), np.concatenate([self.other, self.diagonal])
         way, row = np.nonzero(share)
         return self.entry[row], beyond[way, row], share[way, row]

@@ -13,7 +13,7 @@ _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
 
 @dataclass(frozen=True)
-class TexelLooks:
+class TexelFootprints:
     """Footprints of n texels. The elements are one square per texel, then m pieces that replace the squares of some. Points of an element
     are linear in two coordinates.
 
@@ -31,11 +31,11 @@ class TexelLooks:
     after: Float64
 
     @classmethod
-    def of_squares(cls, tri: IntArray, weight: FloatArray) -> TexelLooks:
+    def of_squares(cls, tri: IntArray, weight: FloatArray) -> TexelFootprints:
         """Footprints that are all squares; arguments are as in the fields."""
         return cls(tri.astype(np.int32), weight.astype(np.float32), np.full(len(tri), -1), np.zeros(1, np.int64), np.zeros(0))
 
-    def with_pieces(self, rows: IntArray, owner: Int64, tri: IntArray, weight: FloatArray, share: Float64) -> TexelLooks:
+    def with_pieces(self, rows: IntArray, owner: Int64, tri: IntArray, weight: FloatArray, share: Float64) -> TexelFootprints:
         """These squares, with pieces instead for the texels `rows` (p,).
 
         owner    (m,) int64, ascending: index in rows; each has at least one piece
@@ -48,7 +48,7 @@ class TexelLooks:
         after = np.cumsum(share / np.bincount(owner, share, minlength=len(rows))[owner])
         first = np.searchsorted(owner, np.arange(len(rows) + 1))
         weights = np.concatenate([self.weight, weight.astype(np.float32)], axis=2)
-        return TexelLooks(np.concatenate([self.tri, tri.astype(np.int32)]), weights, part, first, after)
+        return TexelFootprints(np.concatenate([self.tri, tri.astype(np.int32)]), weights, part, first, after)
 
     def __len__(self) -> int:
         return len(self.part)
@@ -92,7 +92,7 @@ class TexelLooks:
 
 
 def centred_strata(count: int) -> Float64:
-    """Centres of count = n * n equal cells of the unit square, for `TexelLooks.points`.
+    """Centres of count = n * n equal cells of the unit square, for `TexelFootprints.points`.
 
     out   (count, 1, 2) float64
     """
@@ -105,7 +105,7 @@ def centred_strata(count: int) -> Float64:
 
 
 def are_inside(weight: Float64) -> NDArray[np.bool_]:
-    """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelLooks."""
+    """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelFootprints."""
     inside = np.ones(weight.shape[2], bool)
     for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):
         u, v = weight[0] + a * weight[1] + b * weight[2]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
 from ..util.coverage import CHUNK_SIZE, as_slice, clip_to_texels, expand_ranges
 from .split_texels import TexelBorders
-from .texel_footprint import TexelLooks, are_inside
+from .texel_footprint import TexelFootprints, are_inside
 from .texel_grid import TexelGrid
 from .texel_moments import EvenSquares, PartMoments
 
 CHART_SHIFT = 30  # bits of a key below its chart: a Morton code of a 2^14 root has 28
-LOOK = 0.5  # side of a texel's footprint, a square around its centre
+FOOTPRINT_SIDE = 0.5  # side of a texel's footprint, a square around its centre
 _EVEN = 1e-3  # relative difference of densities up to which a texel of several triangles counts as evenly covered
 
 
@@ -252,44 +252,44 @@ class TexelMap:
     def _even_squares(self) -> EvenSquares:
         return EvenSquares.of(self.texel_chart, self.texel_code, self.texel_xy, self.texel_area, self.part_entry)
 
-    def sub_points(self, entry: IntArray, point: FloatArray, look: float = LOOK) -> tuple[Int32, NDArray[np.float32]]:
-        """Points of the unit square mapped to the texels' footprints, see `look_at` and `TexelLooks.points`."""
-        return self.look_at(entry, look).points(point)
+    def sub_points(self, entry: IntArray, point: FloatArray, side: float = FOOTPRINT_SIDE) -> tuple[Int32, NDArray[np.float32]]:
+        """Points of the unit square mapped to the texels' footprints, see `footprints_at` and `TexelFootprints.points`."""
+        return self.footprints_at(entry, side).points(point)
 
-    def look_at(self, entry: IntArray, look: float = LOOK, middle: float = 0.5) -> TexelLooks:
+    def footprints_at(self, entry: IntArray, side: float = FOOTPRINT_SIDE, middle: float = 0.5) -> TexelFootprints:
         """Footprints of texels, uniform in world area.
 
         Image filters sample a texel at its centre. Its footprint is the square of half its side around the centre, on the triangle there,
         as in Cycles' bake of Blender 5.0 (measured); if no triangle covers the centre, the footprint is the texel's covered part.
 
         entry    (m,) int
-        look     side of that square, texels; 1 for the whole covered part
+        side     side of that square, texels; 1 for the whole covered part
         middle   centre of the square, texels from the texel's lower left corner; another than 0.5 only for wholly covered texels
         """
         tri = self.texel_tri[entry]
         x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
-        x, y = self.texel_xy[entry].T + (middle - 0.5 * look)
+        x, y = self.texel_xy[entry].T + (middle - 0.5 * side)
         x -= x_0
         y -= y_0
         weight = np.empty((3, 2, len(tri)))
         weight[0] = x * y_2 - y * x_2, y * x_1 - x * y_1
-        weight[1] = look * y_2, -look * y_1
-        weight[2] = -look * x_2, look * x_1
+        weight[1] = side * y_2, -side * y_1
+        weight[2] = -side * x_2, side * x_1
         weight /= double_area
-        squares = TexelLooks.of_squares(tri, weight)
+        squares = TexelFootprints.of_squares(tri, weight)
         rows, part = self._find_parts(entry)
         clipped = self.part_point[part].any(axis=1) | ~are_inside(weight[:, :, rows])
-        return self._clip_looks(squares, rows[clipped], part[clipped], look) if clipped.any() else squares
+        return self._clip_squares(squares, rows[clipped], part[clipped], side) if clipped.any() else squares
 
-    def _clip_looks(self, squares: TexelLooks, rows: Int64, part: Int64, look: float) -> TexelLooks:
+    def _clip_squares(self, squares: TexelFootprints, rows: Int64, part: Int64, side: float) -> TexelFootprints:
         """The footprints with covered pieces instead of the squares in rows (p,); part (p,) are their rows of the part_ fields."""
         owner, pair = expand_ranges(self.pair_start[part], self.pair_start[part + 1])
         central = ~self.part_point[part].any(axis=1)
-        if look < 1.0:  # light differs across a crease, so only the triangle at the centre counts, as in Cycles
+        if side < 1.0:  # light differs across a crease, so only the triangle at the centre counts, as in Cycles
             counts = ~central[owner] | (self.pair_tri[pair] == self.texel_tri[self.part_entry[part]][owner])
             owner, pair = owner[counts], pair[counts]
         tri, xy = self.pair_tri[pair], self.texel_xy[self.part_entry[part[owner]]]
-        pieces = clip_to_texels(self.tri_uv[tri], xy, np.where(central, look, 1.0)[owner])
+        pieces = clip_to_texels(self.tri_uv[tri], xy, np.where(central, side, 1.0)[owner])
         tri, xy, owner = tri[pieces.pair], xy[pieces.pair], owner[pieces.pair]
         u, v = self._corner_weights(tri, pieces.x + (xy[:, 0] + 0.5), pieces.y + (xy[:, 1] + 0.5))
         weight = np.stack([u, v], axis=1)

@@ -31,7 +31,7 @@ from ..util.messages import Status
 from ..util.progress import Say, Watch, stretch, unwatched
 from ..util.threads import run_on_threads
 from . import traced_scene
-from .contact_looks import Looks, Surroundings
+from .contact_probes import Probes, Surroundings
 from .traced_scene import TracedScene
 
 if TYPE_CHECKING:  # the search alone needs no charts
@@ -130,10 +130,10 @@ def find_contacts(
     part    only at these entries, those of whole charts, numbered from the first of them
     """
     around = Surroundings.of(opened, _take_charts(texels, part) if part else texels)
-    looks = Looks.join(  # tiles end where parts do, which are those of all entries whoever looks
-        run_on_threads(around.look, len(texels), threads, stretch(watch, LOOKING, 0.0, 0.6), part), stretch(watch, LOOKING, 0.6, 0.61)
+    probes = Probes.join(  # tiles end where parts do, which are those of all entries whoever probes
+        run_on_threads(around.probe, len(texels), threads, stretch(watch, LOOKING, 0.0, 0.6), part), stretch(watch, LOOKING, 0.6, 0.61)
     )
-    return _join_patches(around, looks, stretch(watch, LOOKING, 0.61, 0.7))
+    return _join_patches(around, probes, stretch(watch, LOOKING, 0.61, 0.7))
 
 
 def find_in_charts(folder: str, start: int, stop: int) -> ContactMap:
@@ -187,38 +187,38 @@ class _Beside:
         return _Beside(np.append(self.way, self.back), np.append(self.here, self.other), np.append(self.other, self.here))
 
 
-def _join_patches(around: Surroundings, looks: Looks, say: Say) -> ContactMap:
+def _join_patches(around: Surroundings, probes: Probes, say: Say) -> ContactMap:
     """Texels are of one piece where one can go from one to the next and meet nothing, nor get below something.
 
     say   receives the finished share of the work
     """
     say(0.0)
     texels = around.frames.texels
-    is_met = (looks.distance < 1.0).any(axis=0) | contact.are_close(looks.height)
+    is_met = (probes.distance < 1.0).any(axis=0) | contact.are_close(probes.height)
     parted = np.zeros(len(texels.chart_page), bool)
-    parted[texels.texel_chart[looks.start[is_met]]] = True
-    looks = looks.of_patches(np.flatnonzero(parted[texels.texel_chart[looks.start]]))
-    patches = _Patches(looks.start, looks.size, texels.list_keys(looks.start))
+    parted[texels.texel_chart[probes.start[is_met]]] = True
+    probes = probes.of_patches(np.flatnonzero(parted[texels.texel_chart[probes.start]]))
+    patches = _Patches(probes.start, probes.size, texels.list_keys(probes.start))
     joined, singles = _pair_up(patches, lambda share: say(0.1 + 0.5 * share))
     say(0.6)
     is_covered = texels.are_covered()
-    is_whole = is_covered[looks.start]
-    between = _find_between(around, looks, singles, is_whole)
+    is_whole = is_covered[probes.start]
+    between = _find_between(around, probes, singles, is_whole)
     open_ways, closed = singles.take(~between), singles.take(between)
     say(0.8)
     pair = np.concatenate([*joined, np.stack([open_ways.here, open_ways.other])], axis=1)
     log2 = int(texels.chart_log2.max(initial=0))
     whole, piece = part_in_squares(patches.key, patches.size, pair, np.stack([closed.here, closed.other]), log2)
     closed = closed.both_ways()
-    reach = np.where(is_whole[closed.here] & is_whole[closed.other], looks.distance[closed.way, closed.here], np.float32(np.inf))
-    borders = TexelBorders.of(len(looks.touched), closed.way, looks.start[closed.here], looks.start[closed.other], reach)
+    reach = np.where(is_whole[closed.here] & is_whole[closed.other], probes.distance[closed.way, closed.here], np.float32(np.inf))
+    borders = TexelBorders.of(len(probes.touched), closed.way, probes.start[closed.here], probes.start[closed.other], reach)
 
     def find_beside(entry: _Int64, step: tuple[int, int]) -> _Int64:
         beside = patches.find_entries(texels.list_keys(entry), step)
         return np.where((beside >= 0) & is_covered[beside], beside, -1)
 
     borders = borders.with_corners(*borders.find_corners(find_beside))
-    return ContactMap(looks.touched, patches, piece, whole, borders)
+    return ContactMap(probes.touched, patches, piece, whole, borders)
 
 
 def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
@@ -237,19 +237,19 @@ def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
     return joined, _Beside(np.repeat([0, 1], [pair.shape[1] for pair in beside]), *np.concatenate(beside, axis=1))
 
 
-def _find_between(around: Surroundings, looks: Looks, pairs: _Beside, is_whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _find_between(around: Surroundings, probes: Probes, pairs: _Beside, is_whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(m,) bool: pairs of texels between which something stands, or a cover ends.
 
-    looks      at the patches; what is touched, and how far that is, is looked for anew where a cover ends
+    probes      at the patches; what is touched, and how far that is, is looked for anew where a cover ends
     is_whole   (k,) bool: patches whose texels their chart covers in full
     """
-    start, height, distance = looks.start, looks.height, looks.distance
+    start, height, distance = probes.start, probes.height, probes.distance
     blocked, way, back, here, other = distance < 1.0, pairs.way, pairs.back, pairs.here, pairs.other
     between = blocked[way, here] & blocked[back, other]  # what stands between two texels is met from both
     aslant = np.flatnonzero(~(is_whole[here] & is_whole[other]))  # as points of parts are beside the middles of their texels
     between[aslant] = around.are_parted(start[here[aslant]], start[other[aslant]])
     ends = np.flatnonzero(~between & contact.ends_between(height[here], height[other]))
-    between[ends] = looks.touched[start[here[ends]]] = looks.touched[start[other[ends]]] = True
+    between[ends] = probes.touched[start[here[ends]]] = probes.touched[start[other[ends]]] = True
     distance[way[ends], here[ends]], distance[back[ends], other[ends]] = around.find_ends(
         height[here[ends]] < height[other[ends]], start[here[ends]], start[other[ends]]
     )

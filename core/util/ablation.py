@@ -39,7 +39,7 @@ MECHANISMS = {
     "emitter_pool": "of more than 12 emitting triangles some are sampled; textured ones always are",
     "openings": "where little of the sky is seen, rays go to where neighbours saw it",
     "quads": "on pages of 2048^2 and more, smooth direct light is sampled once for 2 x 2 texels",
-    "tiles": "tiles of 8 x 8 texels share their first look at a light",
+    "tiles": "tiles of 8 x 8 texels share their first rays to a light",
     "block_agreement": "the first rays of 16 neighbours have to agree before any of them stops",
     "dark_leaders": "of neighbours that see nothing of a light one goes on for all",
     "reference_level": "shadow rays stop by the error beside all light, indirect light included",

@@ -18,7 +18,7 @@ from known_light import bake_known, mean_over_texels
 from leaflight.core.scene.materials import clamp_warnings
 from leaflight.core.scene.scene import MAX_ALBEDO, Light, Material
 from leaflight.core.texels.texel_footprint import centred_strata
-from leaflight.core.texels.texel_map import LOOK
+from leaflight.core.texels.texel_map import FOOTPRINT_SIDE
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import BASES, DIRECT_MODES, Settings
 from odd_meshes import COINCIDENT, FURNITURE
@@ -193,7 +193,7 @@ class TestLights:
             return POWER_W / (4 * np.pi) * from_point(np.array(place), position, normal)
 
         known = bake_known(tmp_path, scene, irradiance, "rays", padding=1, error=0.02)
-        truth = mean_over_texels(scene, known.texels, irradiance, LOOK, centred_strata(80 * 80))
+        truth = mean_over_texels(scene, known.texels, irradiance, FOOTPRINT_SIDE, centred_strata(80 * 80))
         area, direct = known.texels.texel_area, known.light.direct
         off = (direct.irradiance[:, 0] - truth) @ area
         noise = np.linalg.norm(np.sqrt(direct.variance[:, 0]) * area)

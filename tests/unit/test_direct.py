@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit, to_grid, trace_first
+from floors import floor_footprints, lit_scene, morton_square, prepare, sigma_limit, to_grid, trace_first
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.lights.irradiance import polygon_irradiance
@@ -24,7 +24,7 @@ SUN = Light("SUN", "Sun", power_rgb=(3.0, 2.0, 0.0))
 
 def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, **options: float) -> DirectLight:
     prepared, _, _ = prepare(scene)
-    return direct_irradiance(prepared, floor_looks(side), np.arange(side * side), np.random.default_rng(seed), **options)
+    return direct_irradiance(prepared, floor_footprints(side), np.arange(side * side), np.random.default_rng(seed), **options)
 
 
 def red(light: DirectLight, side: int = SIDE) -> np.ndarray:
@@ -148,8 +148,8 @@ def test_the_same_numbers_from_the_same_stream():
 
 def test_no_texels_and_no_lights():
     scene, _, _ = prepare(lit_scene())
-    assert direct_irradiance(scene, floor_looks(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
-    assert not direct_irradiance(scene, floor_looks(2), np.arange(4), np.random.default_rng(1)).irradiance_rgb.any()
+    assert direct_irradiance(scene, floor_footprints(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
+    assert not direct_irradiance(scene, floor_footprints(2), np.arange(4), np.random.default_rng(1)).irradiance_rgb.any()
 
 
 class TestBesideOtherLight:

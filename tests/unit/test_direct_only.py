@@ -53,7 +53,7 @@ def below_hatch(tmp_path):
     roof = [replace(moved(quad_mesh(f"Roof {i}", b - a, d - c), (a, c, 1.0)), receives=False) for i, (a, b, c, d) in enumerate(parts)]
     scene = replace(make_scene([quad_mesh("Floor"), *roof]), world_rgb=(1.0, 1.0, 1.0))
     _atlas, texels = prepare_folder(tmp_path, scene, Settings(size=64, padding=1))
-    tri, weight = (of[0] for of in texels.look_at(np.arange(len(texels))).points(np.full((1, 1, 2), 0.5)))
+    tri, weight = (of[0] for of in texels.footprints_at(np.arange(len(texels))).points(np.full((1, 1, 2), 0.5)))
     corner = scene.tri_position[tri]
     position = corner[:, 0] + (weight[..., None] * (corner[:, 1:] - corner[:, :1])).sum(axis=1)
     hole, edge = (

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, prepare
+from floors import floor_footprints, lit_scene, prepare
 from leaflight.core.lights.direct_points import MIDDLE, ReceivingSurfaces, TexelChunk, random_shift
-from leaflight.core.texels.texel_footprint import TexelLooks
+from leaflight.core.texels.texel_footprint import TexelFootprints
 from leaflight.core.util.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
 
@@ -21,7 +21,7 @@ def cells(points: np.ndarray, columns: int, rows: int) -> list[int]:
 @pytest.mark.parametrize("count", [4, 16, 64])
 def test_first_rays_start_one_in_each_stratum_of_the_texel(count):
     scene, _, _ = prepare(lit_scene())
-    chunk = TexelChunk(floor_looks(1)(np.array([0])), random_shift(np.random.default_rng(2), 1), scene.surfaces, False)
+    chunk = TexelChunk(floor_footprints(1)(np.array([0])), random_shift(np.random.default_rng(2), 1), scene.surfaces, False)
     start = chunk.receivers(np.array([0]), 0, count).position
     side = round(count**0.5)
     assert cells(start[:, :2] + 0.5, side, side) == list(range(count))
@@ -31,7 +31,7 @@ def chunk_at(surfaces: ReceivingSurfaces, tri: np.ndarray, u: float, v: float, f
     """A texel at one point of each triangle."""
     weight = np.zeros((3, 2, len(tri)))
     weight[0] = np.array([[u], [v]])
-    return TexelChunk(TexelLooks.of_squares(tri, weight), np.zeros((len(tri), 2), np.uint32), surfaces, flip)
+    return TexelChunk(TexelFootprints.of_squares(tri, weight), np.zeros((len(tri), 2), np.uint32), surfaces, flip)
 
 
 def test_smooth_triangles_have_interpolated_unit_normals():

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, floor_tiles, lit_scene, morton_square, prepare, to_grid
+from floors import floor_footprints, floor_tiles, lit_scene, morton_square, prepare, to_grid
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
-from leaflight.core.integrate.direct_tiles import look_from_tiles
+from leaflight.core.integrate.direct_tiles import sample_tiles
 from leaflight.core.lights.direct_lights import make_lamps
 from leaflight.core.lights.direct_points import TexelChunk
 from leaflight.core.scene.scene import Light, SceneSnapshot
@@ -27,7 +27,7 @@ SPOT = replace(BULB, kind="SPOT", cone_angle_rad=0.15, blend=0.3)
 def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, tiles: Tiles | None = None, **options: float) -> DirectLight:
     rng = np.random.default_rng(seed)
     tiles = floor_tiles(side) if tiles is None else tiles
-    return direct_irradiance(prepare(scene)[0], floor_looks(side), np.arange(side * side), rng, tiles=tiles, **options)
+    return direct_irradiance(prepare(scene)[0], floor_footprints(side), np.arange(side * side), rng, tiles=tiles, **options)
 
 
 def wire(width: float, angle_rad: float, shift: float) -> SceneSnapshot:
@@ -63,9 +63,9 @@ class TestClosedForms:
         near = replace(BULB, position_m=(0.3, 0.4, 0.02))
         scene, box = lit_scene(lights=[near]), UnitBox.from_points(lit_scene().vertex_position)
         prepared = prepare(scene)[0]
-        chunk = TexelChunk(floor_looks(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), prepared.surfaces, False)
+        chunk = TexelChunk(floor_footprints(SIDE)(np.arange(SIDE**2)), np.zeros((SIDE**2, 2), np.uint32), prepared.surfaces, False)
         tiles = floor_tiles(SIDE)
-        look = look_from_tiles(prepared.rays, chunk, tiles, make_lamps(scene.lights, box, ())[0], np.zeros((len(tiles), 2), np.uint32))
+        look = sample_tiles(prepared.rays, chunk, tiles, make_lamps(scene.lights, box, ())[0], np.zeros((len(tiles), 2), np.uint32))
         column, row = morton_square(SIDE)
         distance = np.hypot(column / SIDE - 0.3, row / SIDE - 0.4)
         assert np.isnan(look.closed[distance < 0.2]).all()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_forms import from_polygon
-from floors import floor_looks, lit_scene, prepare, to_grid
+from floors import floor_footprints, lit_scene, prepare, to_grid
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
 from leaflight.core.lights.direct_lights import make_triangle_sources
@@ -22,7 +22,7 @@ TEXELS = np.arange(SIDE * SIDE)
 
 
 def light_floor(scene: DirectScene, seed: int = 1, texels: np.ndarray = TEXELS, **options: float) -> direct.DirectLight:
-    return direct_irradiance(scene, floor_looks(SIDE), texels, np.random.default_rng(seed), **options)
+    return direct_irradiance(scene, floor_footprints(SIDE), texels, np.random.default_rng(seed), **options)
 
 
 def as_sources(scene: SceneSnapshot) -> DirectScene:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_looks, floor_tiles, lit_scene, prepare, sigma_limit, trace_first
+from floors import chi_square_sigmas, floor_footprints, floor_tiles, lit_scene, prepare, sigma_limit, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.lights.emitters import NO_LIGHT
 from leaflight.core.lights.environment import Environment, EnvironmentTable
@@ -49,7 +49,7 @@ def under(world_map: np.ndarray, *others) -> SceneSnapshot:
 
 def light_floor(scene: SceneSnapshot, seed: int = 1, **options: object) -> np.ndarray:
     """(SIDE**2, 3): irradiance of the floor's texels in Morton order."""
-    looks, texel = floor_looks(SIDE), np.arange(SIDE**2)
+    looks, texel = floor_footprints(SIDE), np.arange(SIDE**2)
     found = direct_irradiance(prepare(scene)[0], looks, texel, np.random.default_rng(seed), tiles=floor_tiles(SIDE), **options)
     return found.irradiance_rgb
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, morton_square, prepare, sigma_limit
+from floors import floor_footprints, lit_scene, morton_square, prepare, sigma_limit
 from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.integrate.hit_light import HitLight
 from leaflight.core.lights.direct_points import Receivers
@@ -54,7 +54,7 @@ def test_points_get_the_light_that_texels_get(lights, glow, world):
     assert (prepared.crowd is not None, len(prepared.pools) > 0) == (len(lights) > 16, bool(glow))
     found, region = light_points(scene)
     texel = np.arange(SIDE * SIDE)
-    expected = direct_irradiance(prepared, floor_looks(SIDE), texel, np.random.default_rng(2), tolerance=0.0)
+    expected = direct_irradiance(prepared, floor_footprints(SIDE), texel, np.random.default_rng(2), tolerance=0.0)
     x, y = morton_square(SIDE)
     of_texel = x * REGIONS // SIDE + y * REGIONS // SIDE * REGIONS
     for number in range(REGIONS**2):

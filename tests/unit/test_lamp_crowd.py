@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, prepare, sigma_limit
+from floors import floor_footprints, lit_scene, prepare, sigma_limit
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectScene, direct_irradiance
 from leaflight.core.lights.direct_points import Receivers
@@ -48,7 +48,7 @@ def make_lamps(count: int, seed: int = 1) -> list[Light]:
 
 
 def light_floor(scene: DirectScene, seed: int = 1, **options: float) -> direct.DirectLight:
-    return direct_irradiance(scene, floor_looks(SIDE), TEXELS, np.random.default_rng(seed), **options)
+    return direct_irradiance(scene, floor_footprints(SIDE), TEXELS, np.random.default_rng(seed), **options)
 
 
 def one_by_one(monkeypatch, scene) -> DirectScene:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, floor_tiles, lit_scene, prepare, trace_first
+from floors import floor_footprints, floor_tiles, lit_scene, prepare, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
@@ -38,7 +38,7 @@ def lamp_scene(values: np.ndarray, **options: object) -> SceneSnapshot:
 
 def by_rays(scene: SceneSnapshot) -> np.ndarray:
     """(SIDE, SIDE, 3)"""
-    looks, texel, rng = floor_looks(SIDE), np.arange(SIDE**2), np.random.default_rng(1)
+    looks, texel, rng = floor_footprints(SIDE), np.arange(SIDE**2), np.random.default_rng(1)
     found = direct_irradiance(prepare(scene)[0], looks, texel, rng, tolerance=0.002, tiles=floor_tiles(SIDE)).irradiance_rgb
     x, y = part_bits(texel)
     image = np.empty((SIDE, SIDE, 3))

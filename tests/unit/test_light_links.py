@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, prepare, trace_first
+from floors import floor_footprints, lit_scene, prepare, trace_first
 from leaflight.core.integrate.direct import direct_irradiance
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.transport.photon_log import ShardHits
@@ -59,7 +59,9 @@ def test_what_glows_is_linked_as_a_lamp_is():
         linked = replace(scene, objects=(*others, replace(glow, **choices)))
         prepared = prepare(linked)[0]
         direct = (
-            direct_irradiance(prepared, floor_looks(16), np.arange(256), np.random.default_rng(1), max_rays=64).irradiance_rgb[:, 0].mean()
+            direct_irradiance(prepared, floor_footprints(16), np.arange(256), np.random.default_rng(1), max_rays=64)
+            .irradiance_rgb[:, 0]
+            .mean()
         )
         hits, _ = trace_first(linked, 40_000)
         on_floor = hits.tri < 2

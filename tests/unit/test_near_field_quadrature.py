@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_looks, lit_scene, morton_square, prepare
+from floors import floor_footprints, lit_scene, morton_square, prepare
 from leaflight.core.integrate.near_field_quadrature import average_peaks, find_peaks
 from leaflight.core.lights.direct_lights import Source, join_sources, make_lamps, make_suns
 from leaflight.core.lights.direct_points import GAUSS_POINTS, TexelChunk
@@ -26,7 +26,7 @@ TILE = replace(
 
 @pytest.fixture(scope="module")
 def chunk():
-    return TexelChunk(floor_looks(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), prepare(lit_scene())[0].surfaces, False)
+    return TexelChunk(floor_footprints(SIDE)(TEXELS), np.zeros((len(TEXELS), 2), np.uint32), prepare(lit_scene())[0].surfaces, False)
 
 
 def source_of(*lights: Light) -> Source:

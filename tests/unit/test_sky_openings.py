@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_forms import from_polygon
-from floors import floor_looks, floor_tiles, lit_scene, prepare, sigma_limit
+from floors import floor_footprints, floor_tiles, lit_scene, prepare, sigma_limit
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.scene.scene import SceneSnapshot
 from leaflight.core.texels.texel_grid import part_bits
@@ -30,7 +30,9 @@ def roofed(hatch: tuple[float, float, float, float]) -> SceneSnapshot:
 
 def light_floor(scene: SceneSnapshot, seed: int = 1, tiles: Tiles | None = None, **options: object) -> DirectLight:
     tiles = floor_tiles(SIDE) if tiles is None else tiles
-    return direct_irradiance(prepare(scene)[0], floor_looks(SIDE), np.arange(SIDE**2), np.random.default_rng(seed), tiles=tiles, **options)
+    return direct_irradiance(
+        prepare(scene)[0], floor_footprints(SIDE), np.arange(SIDE**2), np.random.default_rng(seed), tiles=tiles, **options
+    )
 
 
 def through(hatch: tuple[float, float, float, float]) -> np.ndarray:

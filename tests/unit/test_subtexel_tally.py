@@ -7,7 +7,7 @@ from leaflight.core.filter import subtexel_tally
 from leaflight.core.filter.reconstruct import Blend
 from leaflight.core.filter.subtexel_tally import Squares, SubtexelLight, SubtexelMix, deposit_on_squares
 from leaflight.core.radiosity.quadtree import node_of_texel
-from leaflight.core.texels.texel_map import LOOK
+from leaflight.core.texels.texel_map import FOOTPRINT_SIDE
 from leaflight.core.util.settings import Settings
 from stats import sigma_limit
 from trees import make_square_map
@@ -33,7 +33,7 @@ def test_a_hit_counts_where_it_falls_on_the_square_and_on_the_centres_triangle(t
     raw, count = np.zeros((2, 3, len(found.entry))), np.zeros(len(found.entry), int)
     for i in range(n):
         column, row = texels.texel_xy[entry[i]]
-        on_square = max(abs(x[i] - column - 0.5), abs(y[i] - row - 0.5)) < LOOK / 2
+        on_square = max(abs(x[i] - column - 0.5), abs(y[i] - row - 0.5)) < FOOTPRINT_SIDE / 2
         if on_square and tri[i] == texels.texel_tri[entry[i]] and entry[i] in found.entry:
             slot = np.searchsorted(found.entry, entry[i])
             raw[0 if is_first[i] else 1, :, slot] += flux[:, i]

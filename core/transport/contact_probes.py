@@ -23,7 +23,7 @@ _Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Looks:
+class Probes:
     """Results of the search at n texel entries. k patches tile them: single entries, and tiles that nothing touches.
 
     touched    (n,) bool: whether something touches the entry
@@ -40,7 +40,7 @@ class Looks:
     distance: NDArray[np.float32]
 
     @classmethod
-    def join(cls, parts: Sequence[Looks], say: Say) -> Looks:
+    def join(cls, parts: Sequence[Probes], say: Say) -> Probes:
         """The results at consecutive ranges of entries, joined; `say` receives the finished share of the work."""
         names = [field.name for field in fields(cls)]
         joined = []
@@ -49,9 +49,9 @@ class Looks:
             joined.append(np.concatenate([getattr(part, name) for part in parts], axis=-1))
         return cls(*joined)
 
-    def of_patches(self, rows: IntArray) -> Looks:
+    def of_patches(self, rows: IntArray) -> Probes:
         """Only the patches in rows (j,), ascending; `touched` stays whole."""
-        return Looks(self.touched, self.start[rows], self.size[rows], self.height[rows], self.distance[:, rows])
+        return Probes(self.touched, self.start[rows], self.size[rows], self.height[rows], self.distance[:, rows])
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Surroundings:
     def of(cls, opened: TracedScene, texels: TexelMap) -> Surroundings:
         return cls(opened.scene.rays, TexelFrames.of(opened, texels), LooseParts(opened.snapshot))
 
-    def look(self, part: slice) -> Looks:
+    def probe(self, part: slice) -> Probes:
         """Search at a range of entries."""
         frames, things = self.frames, self.things
         tiles = self._find_clear_tiles(part) - part.start
@@ -92,7 +92,7 @@ class Surroundings:
         row = row[things.are_apart(cover[row], tri[row])]
         height = np.full(len(start), np.inf, np.float32)
         height[single[row]] = above[row]
-        return Looks(touched, part.start + start, size, height, distance)
+        return Probes(touched, part.start + start, size, height, distance)
 
     def _find_clear_tiles(self, part: slice) -> _Int64:
         """(m,) int64: first entries of the tiles within `part` that nothing touches."""
