@@ -43,7 +43,7 @@ def leaf_faces(known):
     edge = np.diff(scene.tri_position, axis=1)
     face = np.cross(edge[:, 0], edge[:, 1])
     cosine = (face / np.linalg.norm(face, axis=1, keepdims=True)) @ SUN
-    tri = texels.sub_points(np.arange(len(known.truth)), SUB_POINTS, look=1.0)[0]
+    tri = texels.sub_points(np.arange(len(known.truth)), SUB_POINTS, side=1.0)[0]
     start = np.sort(known.light.tree.start[known.light.leaves])
     ends = cosine[tri].min(0), cosine[tri].max(0)
     return np.stack([np.minimum.reduceat(ends[0], start), np.maximum.reduceat(ends[1], start)], axis=1)
