@@ -3,7 +3,7 @@
 import json
 import time
 from dataclasses import asdict
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -107,8 +107,8 @@ def test_closed_at_any_pause_it_leaves_the_scene_as_it_was(cubes, tmp_path):
     assert note_scene() == before
     for count in range(1, len(pauses) + 1, 7):
         steps = begin(tmp_path)
-        for _ in range(count):
-            next(steps)
+        for _ in islice(steps, count):  # slices are cut by processor time, so that there may be fewer
+            pass
         lent = lent or note_scene() != before
         steps.close()
         assert note_scene() == before

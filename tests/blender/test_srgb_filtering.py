@@ -83,10 +83,10 @@ def bake_emission(tree):
         {"alpha": 1, "alpha_mode": "CHANNEL_PACKED"},
         {"alpha": 1, "alpha_mode": "NONE"},
         {"alpha": 1, "space": "Non-Color"},
-        {"alpha": 1, "floating": True},
+        {"alpha": 1, "floating": True, "alpha_mode": "PREMUL"},
         {"alpha": 1, "uses_alpha": True},
         {"alpha": 2, "uses_alpha": True},
-        {"alpha": 1, "uses_alpha": True, "floating": True},
+        {"alpha": 1, "uses_alpha": True, "floating": True, "alpha_mode": "PREMUL"},
     ],
     ids=str,
 )
