@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import paper_claims
+import paper_split
 import paper_tables
 from claims import Claim, publish_claims
 from export_samples import export_samples
@@ -78,6 +79,8 @@ def measure_paper(folder: Path, room: SceneSnapshot, square: SceneSnapshot, effo
     tell("figure 3", paper_tables.table_curves(curves))
     needs = paper_tables.read_needs(paper_tables.list_plain(curves))
     tell("leaves for the same error", paper_tables.table_needs(needs))
+    truth = paper_tables.make_reference(stage, effort.figure_3, paper_tables.TRUTH_SEED, paper_tables.TRUTH_RUNS)
+    tell("where the error comes from", paper_split.table_split(paper_split.measure_split(stage, truth, reference, effort.figure_3)))
     overhead = paper_tables.measure_overhead(stage, reference, effort.figure_3)
     tell("overhead", paper_tables.table_overhead(overhead))
     hints, knobs = (paper_tables.sweep(stage, reference, effort.sweep, choices) for choices in (paper_tables.HINTS, paper_tables.KNOBS))

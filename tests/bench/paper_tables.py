@@ -14,6 +14,7 @@ from paper_bakes import Bake, Errors, Reference, Stage
 from tables import Table
 
 REFERENCE_SEED, REFERENCE_RUNS = 1000, 8  # runs of each of the two references
+TRUTH_SEED, TRUTH_RUNS = 2000, 8  # of those that the best leaves are chosen by
 SEEDS = 16  # for variances between bakes: by four of them, the ratio of variances comes out 0.05 off
 PHOTONS_IN_A_NODE = 16  # on the fixed mesh, for a variance to be worth comparing
 LAMP_W, LAMP_M, LAMP_HEIGHT_M, SHEET_EDGE_M = 40.0, 0.3, 2.0, 0.5  # of figure2_square.blend
@@ -93,11 +94,11 @@ def table_square(rows: Sequence[SquareRow]) -> Table:
 # -- figure 3 --
 
 
-def make_reference(stage: Stage, photons: float) -> Reference:
+def make_reference(stage: Stage, photons: float, seed: int = REFERENCE_SEED, runs: int = REFERENCE_RUNS) -> Reference:
     """Runs of so many photons each, on the fixed mesh at the finest level: noisy, but without bias."""
     values, received = [], []
-    for run in range(2 * REFERENCE_RUNS):
-        bake = stage.bake(photons, **FIXED_MESH, seed=REFERENCE_SEED + run)
+    for run in range(2 * runs):
+        bake = stage.bake(photons, **FIXED_MESH, seed=seed + run)
         values.append(bake.values())
         received.append(bake.light.received[bake.leaf])
     halves = [np.mean(values[half::2], axis=0) for half in (0, 1)]
