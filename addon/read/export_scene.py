@@ -205,7 +205,8 @@ class SceneReading:
     def read_pieces(self, view_layer: Any, depsgraph: Any) -> Steps[None]:
         """Read every piece that a render shows. No piece is held over a pause: the walk begins anew, and passes over what was read."""
         keys, worn, total = [], {}, 0
-        for total, piece in enumerate(walk_pieces(view_layer, depsgraph), 1):  # noqa: B007  # the last is how many there are
+        for piece in walk_pieces(view_layer, depsgraph):
+            total += 1
             if piece.is_mesh:
                 keys.append((piece.source, piece.kind, piece.evaluated.original))
             for slot in piece.evaluated.material_slots if piece.evaluated.type != "LIGHT" else ():

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64, IntArray
 from ..util.coverage import chunk_ranges, expand_ranges
 from ..util.geometry import ORIGIN_OFFSET, gather, locate_hits, orthonormal_basis, triangle_frames
 from .rays import Hits, RayScene
@@ -23,12 +23,10 @@ _PLANE_STEPS = 1 << 11  # of a normal's component, where planes are compared
 _PLANE_WIDTH = 4.0  # more than the unit box is wide
 _PIECES = 4
 _LEAST_OVERLAP = 1e-5  # unit box: neighbours in a plane overlap by rounding
-_CELLS = 16  # a side of a grid over a triangle, by which most hits are told to have no others
-_HAIR = 1e-4
+_CELLS = 16  # along each side of the grid over a triangle that marks where other faces lie: most hits need no search
+_HAIR = 1e-4  # of a barycentric weight: rounding of the corners of other faces
 _MOST_OTHERS = 64  # that face as one triangle does, in its place; one with more takes no part
 _TINY = float(np.finfo(np.float32).tiny)
-
-_Rows = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -43,15 +41,15 @@ class CoincidentFaces:
     tri_normal   (3, n_tri) float32
     """
 
-    start: NDArray[np.int64]
-    other: NDArray[np.int32]
-    row: NDArray[np.int32]
-    near: NDArray[np.bool_]
-    tri_frame: _Rows
-    tri_normal: _Rows
+    start: Int64
+    other: Int32
+    row: Int32
+    near: BoolArray
+    tri_frame: Float32
+    tri_normal: Float32
 
     @classmethod
-    def find(cls, rays: RayScene, corners: _Rows, tri_normal: _Rows, apart: NDArray[np.bool_]) -> CoincidentFaces | None:
+    def find(cls, rays: RayScene, corners: Float32, tri_normal: Float32, apart: BoolArray) -> CoincidentFaces | None:
         """The pairs of a scene; None where it has none.
 
         corners      (n_tri, 3, 3) float32, unit box
@@ -86,7 +84,7 @@ class CoincidentFaces:
         near = np.stack([np.logical_or.reduceat(cells & of[:, None], first) for of in (np.ones_like(alike), alike)])
         return cls(np.searchsorted(one, np.arange(n_tri + 1)), other.astype(np.int32), row, near, frame, tri_normal)
 
-    def share_out(self, found: Hits, direction: _Rows) -> tuple[Hits, _Rows]:
+    def share_out(self, found: Hits, direction: Float32) -> tuple[Hits, Float32]:
         """The hits of rays, shared out; and (n,) float32, among how many faces each.
 
         direction   (3, n) float32
@@ -122,12 +120,12 @@ class CoincidentFaces:
         return replace(found, tri=tri, u=u, v=v), count
 
 
-def _find_places(tri_frame: _Rows, tri: NDArray[np.int32] | NDArray[np.int64], point: _Rows) -> tuple[_Rows, _Rows]:
+def _find_places(tri_frame: Float32, tri: IntArray, point: Float32) -> tuple[Float32, Float32]:
     """(n,) each: barycentric weights of corners 1 and 2 of triangles (n,) at points (3, n) of their planes."""
     corner, one, other = gather(tri_frame, tri).astype(np.float64)
     at = point - corner
 
-    def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def dot(a: Float64, b: Float64) -> Float64:
         return np.asarray(np.einsum("kn,kn->n", a, b))
 
     aa, ab, bb, pa, pb = dot(one, one), dot(one, other), dot(other, other), dot(at, one), dot(at, other)
@@ -135,12 +133,12 @@ def _find_places(tri_frame: _Rows, tri: NDArray[np.int32] | NDArray[np.int64], p
     return ((bb * pa - ab * pb) / area2).astype(np.float32), ((aa * pb - ab * pa) / area2).astype(np.float32)
 
 
-def _find_cells(place: _Rows) -> NDArray[np.int64]:
+def _find_cells(place: Float32) -> Int64:
     """Cells, counted from 0, at barycentric weights."""
     return np.clip(place * _CELLS, 0, _CELLS - 1).astype(np.int64)
 
 
-def _cover_cells(low: _Rows, high: _Rows) -> NDArray[np.bool_]:
+def _cover_cells(low: Float32, high: Float32) -> BoolArray:
     """(m, _CELLS**2): cells of triangles that boxes of barycentric weights, from low (2, m) to high (2, m), overlap."""
     cells = np.arange(_CELLS)
     first, last = _find_cells(low - _HAIR)[..., None], _find_cells(high + _HAIR)[..., None]
@@ -148,7 +146,7 @@ def _cover_cells(low: _Rows, high: _Rows) -> NDArray[np.bool_]:
     return np.asarray(along[:, :, None] & up[:, None, :]).reshape(-1, _CELLS**2)
 
 
-def _number_planes(corners: _Rows, tri_normal: _Rows) -> list[NDArray[np.int64]]:
+def _number_planes(corners: Float32, tri_normal: Float32) -> list[Int64]:
     """(n_tri,) twice: numbers of the triangles' planes. Two in one plane have one number at least once, however they are rounded."""
     normal = tri_normal.T.astype(np.float64)
     flip = np.sign(np.take_along_axis(normal, np.abs(normal).argmax(axis=1)[:, None], axis=1))
@@ -159,7 +157,7 @@ def _number_planes(corners: _Rows, tri_normal: _Rows) -> list[NDArray[np.int64]]
     return [np.unique(plane, return_inverse=True)[1].ravel() for plane in planes]
 
 
-def _meet_others(rays: RayScene, corners: _Rows, tri_normal: _Rows, asked: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _meet_others(rays: RayScene, corners: Float32, tri_normal: Float32, asked: Int64) -> BoolArray:
     """(k,): triangles (k,) in whose place short rays find others. Of two in one place at least one does, unless they overlap little."""
     normal, met = tri_normal.T[asked], np.zeros(len(asked), bool)
     for weight in _POINTS:
@@ -172,7 +170,7 @@ def _meet_others(rays: RayScene, corners: _Rows, tri_normal: _Rows, asked: NDArr
     return met
 
 
-def _find_overlaps(corners: _Rows, tri_normal: _Rows, rows: NDArray[np.int64], plane: NDArray[np.int64]) -> NDArray[np.int64]:
+def _find_overlaps(corners: Float32, tri_normal: Float32, rows: Int64, plane: Int64) -> Int64:
     """(2, m): pairs of the triangles `rows` (k,) in one plane (k,) that overlap by more than _LEAST_OVERLAP."""
     _, first, place = np.unique(plane, return_index=True, return_inverse=True)
     axes = orthonormal_basis(tri_normal.T[rows[first[place.ravel()]]].astype(np.float64))  # those of the first triangle in the plane
@@ -196,7 +194,7 @@ def _find_overlaps(corners: _Rows, tri_normal: _Rows, rows: NDArray[np.int64], p
     return np.concatenate(found, axis=1)
 
 
-def _cut_into_strips(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cut_into_strips(low: Float64, high: Float64) -> tuple[Int64, Int64]:
     """Intervals (m,) of (n,), and strips (m,) over which they lie: as narrow as the median interval, but m is at most _PIECES * n."""
     step = max(float(np.median(high - low)), 1e-6)
     while ((high - low) / step).sum() > (_PIECES - 2) * len(low):
@@ -205,7 +203,7 @@ def _cut_into_strips(low: NDArray[np.float64], high: NDArray[np.float64]) -> tup
     return expand_ranges(first, last + 1)
 
 
-def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _overlap(one: Float64, other: Float64) -> BoolArray:
     """(m,): whether triangles (m, 3, 2) overlap: no line along a side parts them. Source: the separating axis theorem."""
     meet = np.ones(len(one), bool)
     for of in (one, other):
@@ -217,7 +215,7 @@ def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np
     return meet
 
 
-def _draw(u: _Rows, v: _Rows) -> NDArray[np.int64]:
+def _draw(u: Float32, v: Float32) -> Int64:
     """(n,): numbers from the bits of where rays hit, so that the same ray always takes the same face."""
     bits = [np.ascontiguousarray(of).view(np.uint32).astype(np.uint64) for of in (u, v)]
     mixed = (bits[0] * np.uint64(0x9E3779B97F4A7C15)) ^ (bits[1] * np.uint64(0xC2B2AE3D27D4EB4F))

@@ -139,7 +139,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
         maps=NormalMaps.of(snapshot),
         links=links if len(links) else None,
-        coincident=CoincidentFaces.find(rays, corners, tri_normal, clear),
+        coincident=CoincidentFaces.find(rays, corners, tri_normal, clear) if uses("coincident_faces") else None,
     )
 
 

@@ -51,6 +51,7 @@ MECHANISMS = {
     "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
     "batches": "batches of further rays grow geometrically",
     # photons
+    "coincident_faces": "hits on faces that lie in one place are shared out among them",
     "splitting": "8 photons go together to the first surface and part there",
     "emission_guide": "photons leave lamps more often where they reduce the error more (--direct photons)",
     "photons_ahead": "photons of the first rounds are traced while charts are made",
