@@ -1,5 +1,7 @@
 """Light that leaves cannot hold, on a square whose light is known."""
 
+import math
+
 import numpy as np
 import pytest
 from leaflight.core.filter import bias_estimate, reconstruct
@@ -80,3 +82,24 @@ def test_the_stated_noise_of_the_bias_is_its_noise():
         for values, out in ((parts[0], found), (parts[2], expected)):
             out.append((np.bincount(node, values) ** 2).sum())
     assert np.sum(found) == pytest.approx(np.sum(expected), rel=0.25)
+
+
+@pytest.mark.parametrize("unbiased", [0.0, 0.25, 1.0])
+def test_the_sum_is_the_mean_of_both_estimates_by_inverse_variance(unbiased):
+    """Without an error the first is taken as it is. Where it is below the other, which has no selection bias, its error counts more."""
+    every = np.arange(64)
+
+    def sum_up(value, stderr):
+        full = np.ones(len(every))
+        noise = stderr * math.sqrt(len(every)) * full
+        return bias_estimate.Bias(every, value * full, value * full, noise, 4.0 * full, 16.0 * full).sum_up(every)
+
+    forecast, its_stderr = sum_up(unbiased, 1e9)
+    assert 0.25 < forecast < 1.0
+    assert its_stderr == pytest.approx(bias_estimate.FALL_DOUBT * forecast)
+    assert sum_up(unbiased, 0.0) == (unbiased, 0.0)
+    for stderr in (0.5 * its_stderr, its_stderr):
+        counted = stderr * (bias_estimate.HIDDEN_DOUBT if unbiased < forecast else 1.0)
+        share = counted**2 / (counted**2 + its_stderr**2)
+        found = sum_up(unbiased, stderr)
+        assert found == pytest.approx((unbiased + share * (forecast - unbiased), math.sqrt(share) * its_stderr))

@@ -110,6 +110,8 @@ def test_light_is_smoothed_where_it_has_grain_and_told_as_it_is_elsewhere(texels
     ):
         np.testing.assert_array_equal(found[far], given[far])
         assert (found[x < 20] != given[x < 20]).mean() > 0.99
+    assert shown.total_light == pytest.approx(shown.irradiance.sum(dtype=float), rel=1e-6)
+    assert shown.total_light != pytest.approx(noisy.sum(dtype=float), rel=1e-6)
 
 
 def test_the_less_error_is_asked_for_the_less_noise_is_left_as_it_is(texels):

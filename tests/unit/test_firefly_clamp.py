@@ -8,10 +8,11 @@ from trees import make_map, make_square_map
 RNG = np.random.default_rng(3)
 
 
-def clip(value, around=1.0, noise=0.2, side=2, width=12, neighbour=None):
+def clip(value, around=1.0, noise=0.2, side=2, width=12, neighbour=None, corner=(-1, -1)):
     """Light of a leaf of that value before and after, and its colour; noise is relative to the leaf's.
 
     neighbour   value of the leaf to the right of it, as noisy
+    corner      which of the texels beyond the leaf's corners is the brightest around
     """
     texels = make_square_map(width, 0)
     x, y = texels.texel_xy.T
@@ -19,7 +20,8 @@ def clip(value, around=1.0, noise=0.2, side=2, width=12, neighbour=None):
     own, right = leaf == 101, leaf == 102
     colour = np.array([1.0, 0.5, 0.1], np.float32)
     light = around * (0.5 + 0.5 * RNG.random(len(leaf)))
-    light[(x == side - 1) & (y == side - 1)] = around  # as near to all of the leaf as is looked
+    column, row = (side - 1 if way < 0 else 2 * side for way in corner)
+    light[(x == column) & (y == row)] = around  # as near to all of the leaf as is looked
     light[own] = value
     size = np.full(len(leaf), max(side, 8), np.int32)
     size[own] = side
@@ -32,9 +34,10 @@ def clip(value, around=1.0, noise=0.2, side=2, width=12, neighbour=None):
     return clipped[own], light[own], colour
 
 
+@pytest.mark.parametrize("corner", [(-1, -1), (1, -1), (-1, 1), (1, 1)])
 @pytest.mark.parametrize("side", [1, 2, 4])
-def test_a_leaf_of_few_photons_is_no_brighter_than_all_around(side):
-    clipped, _, colour = clip(4.0, side=side)
+def test_a_leaf_of_few_photons_is_no_brighter_than_all_around(side, corner):
+    clipped, _, colour = clip(4.0, side=side, corner=corner)
     np.testing.assert_allclose(clipped, np.tile(colour, (side * side, 1)), rtol=1e-6)
 
 

@@ -106,15 +106,25 @@ def test_no_light_goes_through_the_corner_of_a_room(corner):
     assert not any(inside in pair for pair in found)
 
 
-def test_a_leaf_knows_whose_square_holds_its_own():
-    """A strip of one column belongs to a chart of its own, within the square of the leaf beside it."""
+@pytest.mark.parametrize("corner", [0, 1, 2, 3])
+def test_a_leaf_knows_whose_square_holds_its_own(corner):
+    """A quarter belongs to a chart of its own, within the square of the leaf beside it."""
     bake = SquareBake(side=16, degree=0, preview_depth=1)
-    leaf = leaves_of(bake, bake.tree)
-    root, quarter = int(np.flatnonzero(bake.tree.current)[0]), int(bake.tree.children[np.flatnonzero(bake.tree.current)[0], 3])
-    leaf = np.where(bake.texels.texel_xy.min(axis=1) >= 8, np.int32(quarter), leaf)
+    root = int(np.flatnonzero(bake.tree.current)[0])
+    quarter = int(bake.tree.children[root, corner])
+    inside = (bake.texels.texel_xy // 8 == bake.tree.origin[quarter] // 8).all(axis=1)
+    leaf = np.where(inside, np.int32(quarter), leaves_of(bake, bake.tree))
     parts = dataclasses.replace(bake.tree, chart=np.where(np.arange(len(bake.tree)) == quarter, 1, 0).astype(np.int32))
     texels = dataclasses.replace(bake.texels, chart_piece=np.zeros(2, np.int32))
     found = Neighbours.of(parts, leaf, texels)
     row, pair = found.list_pairs(np.array([root, quarter]))
     known = [found.other[pair], found.around[pair], found.within[pair]]
     assert list(zip(row, *known, strict=True)) == [(0, quarter, False, True), (1, root, True, False)]
+
+
+def test_leaves_beside_each_other_hold_none():
+    bake = SquareBake(side=16, degree=0, preview_depth=1, level=1)
+    tree = quadtree.grow_previews(quadtree.split(bake.tree, np.flatnonzero(bake.tree.current)[:1]), bake.texels, 1, 1)
+    found = Neighbours.of(tree, leaves_of(bake, tree), bake.texels)
+    assert len(found.other) > 12
+    assert not (found.around | found.within).any()
