@@ -7,22 +7,26 @@ facing and horizon; a node that is near for its size takes the sum over its chil
 from __future__ import annotations
 
 import heapq
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.coverage import expand_ranges
 from ..util.geometry import dot_rows, take_rows
+from .cell_polygons import CellPolygons
 from .direct_points import Receivers, row_pieces
 from .stratified_choice import Clusters, sort_by_place
 
 _MAX_CLUSTERS = 256
 _NEAR = np.float32(16)  # squared distance, in units of a node's `square`, below which its children are evaluated
 _AMONG = np.float32(4)  # the same for these children; measured: light by strips 5 mm from a wall takes as long with 2 and with 9
-# A receiver is near, too, if its squared distance is below this times that of the farthest cell. Measured on a street by night with 500
+# A receiver is near, too, if its squared distance is below this times that of the farthest corner. Measured on a street by night with 500
 # small windows: without it direct light has four times the variance.
 _OUTSIDE = np.float32(1.2)
+_CORNERS_WORK = 16  # cost of a closed form, relative to that of an importance by the centre
 _GRAZING = np.float32(0.02)  # least cosine, since importances are evaluated at a normal and position that differ from the receiver's
 _BEHIND = np.float32(0.002)  # replaces the cosine of nodes that are certainly below the horizon or face away
 _AT_RIGHT_ANGLES = 0.25  # unit box: in cut_by_spread, this distance from the mean counts as much as a normal perpendicular to the mean
@@ -38,16 +42,18 @@ class EmitterClusters:
     """A forest over emitting cells: the first nodes are its roots, the runs; its leaves are single cells.
 
     runs            the roots as Clusters
+    polygons        of the cells
     first, last     (n_node,) int64     the node has the cells first ... last - 1
     below, count    (n_node,) int64     its children are nodes below ... below + count - 1; count is 0 for a single cell
     sealed          (n_node,) bool      whether all of its cells are faces of closed solids whose inside is never seen
     weight          (n_node,) float32   this and the following are as in Clusters
     centre, normal  (n_node, 3) float32
     square, spread  (n_node,) float32
-    extent          (n_node,) float32   squared distance of its farthest cell from the centre, unit box squared
+    extent          (n_node,) float32   squared distance of its farthest corner from the centre, unit box squared
     """
 
     runs: Clusters
+    polygons: CellPolygons
     first: Int64
     last: Int64
     below: Int64
@@ -61,8 +67,9 @@ class EmitterClusters:
     extent: Float32
 
     @classmethod
-    def of(cls, weight: Float64, centre: FloatArray, normal: FloatArray, square: FloatArray, sealed: BoolArray) -> EmitterClusters:
-        """The forest over cells (n,) in the order of `order_cells`: weight (n,), centre and normal (n, 3), squared size (n,), unit box."""
+    def of(cls, weight: Float64, polygons: CellPolygons) -> EmitterClusters:
+        """The forest over cells (n,) in the order of `order_cells`, of importances `weight` (n,)."""
+        centre, normal, square = polygons.centre, polygons.normal, polygons.area / math.pi
         weight = weight / max(float(weight.max()), 1e-300)
         starts = [cut_by_spread(weight, np.concatenate([centre / _AT_RIGHT_ANGLES, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
         while len(starts[-1]) < len(weight):
@@ -74,12 +81,17 @@ class EmitterClusters:
             at = n_before + np.searchsorted(after.start, level.start) if after else np.full(len(level) + 1, n_before)
             bounds.append(np.stack([level.start[:-1], level.start[1:], at[:-1], np.diff(at)]))
         first, last, below, count = np.concatenate(bounds, axis=1)
-        hidden = np.concatenate([np.logical_and.reduceat(sealed, start) for start in starts])
+        hidden = np.concatenate([np.logical_and.reduceat(polygons.sealed, start) for start in starts])
         each = [np.concatenate([getattr(level, name) for level in levels]) for name in ("weight", "centre", "normal", "square", "spread")]
         short = [np.ascontiguousarray(values.T, np.float32).T for values in each]
         short[0] = np.maximum(short[0], np.float32(1e-9))  # a weight of 0 would make a pdf of 0
-        short.append(np.concatenate([_find_extent(centre, level) for level in levels]).astype(np.float32))
-        return cls(levels[0], first, last, below, np.where(last - first > 1, count, 0), hidden, *short)
+        short.append(np.concatenate([_find_extent(polygons.corners, level) for level in levels]).astype(np.float32))
+        return cls(levels[0], polygons, first, last, below, np.where(last - first > 1, count, 0), hidden, *short)
+
+    @cached_property
+    def close(self) -> Float32:
+        """(n_node,) float32, unit box squared: CellPolygons.close of single cells, 0 of other nodes."""
+        return np.where(self.count == 0, self.polygons.close[self.first], np.float32(0))
 
     def __len__(self) -> int:
         return len(self.runs)
@@ -99,7 +111,16 @@ class EmitterClusters:
             rows, runs = row[piece], run[piece]
             estimated, start, _ = self._estimate_parts(receivers.rows(rows), reach[rows], runs)
             out[rows, runs] = np.add.reduceat(estimated, start)
+        row, run = np.nonzero(away2 < self.close[: len(self)])
+        out[row, run] = self._estimate_close(out[row, run], receivers, row, run)
         return out
+
+    def find_near(self, place: Float32, distance: Float32) -> BoolArray:
+        """(n,) bool: whether a run whose distance and size together are below `distance` (n,) is at a place (n, 3), unit box."""
+        centre = self.centre[: len(self)]
+        away2 = dot_rows(place, place)[:, None] + dot_rows(centre, centre) - 2 * place @ centre.T
+        near: BoolArray = (away2 + self.square[: len(self)] < (distance * distance)[:, None]).any(axis=1)
+        return near
 
     def choose(self, receivers: Receivers, run: Int64, u: FloatArray) -> tuple[Int64, Float64]:
         """Choose cells of runs (n,), with probabilities (n,): near nodes choose a child by importance, others a cell by weight."""
@@ -124,7 +145,7 @@ class EmitterClusters:
     def _reach_of(self, node: Int64, squares: np.float32) -> Float32:
         """(n,) float32, unit box squared: squared distance below which a receiver is near to nodes (n,).
 
-        It includes their farthest cells: a receiver at a cell that is far from hundreds of others would otherwise hardly sample it.
+        It includes their farthest corners: a receiver at a cell that is far from hundreds of others would otherwise hardly sample it.
         """
         return np.maximum(squares * self.square[node], _OUTSIDE * self.extent[node])
 
@@ -148,13 +169,25 @@ class EmitterClusters:
             whose = owner[piece]
             below, begin, _ = self._estimate_parts(receivers.rows(whose), reach[whose], part[piece])
             estimated[piece] = np.add.reduceat(below, begin)
+        rows = np.flatnonzero(square < self.close[part])
+        estimated[rows] = self._estimate_close(estimated[rows], receivers, owner[rows], part[rows])
         return estimated, start, part
 
+    def _estimate_close(self, estimated: Float32, receivers: Receivers, row: Int64, node: Int64) -> Float32:
+        """(n,): the greater of an importance (n,) and that by the closed form, of single cells, nodes (n,), at receivers `row` (n,)."""
+        out = estimated.copy()
+        for piece in row_pieces(np.arange(len(row)), _CORNERS_WORK):
+            of, own = node[piece], receivers.rows(row[piece])
+            given = self.polygons.irradiance(self.first[of], own) / self.polygons.area[self.first[of]]
+            out[piece] = np.maximum(estimated[piece], given * self.weight[of])
+        return out
 
-def _find_extent(centre: FloatArray, level: Clusters) -> Float64:
-    """(n_cluster,) float64: EmitterClusters.extent; centre (n, 3) of all cells."""
-    away: Float64 = centre - np.repeat(level.centre, level.count, axis=0)
-    return np.maximum.reduceat(dot_rows(away, away), level.start[:-1])
+
+def _find_extent(corners: Float32, level: Clusters) -> Float32:
+    """(n_cluster,) float32: EmitterClusters.extent; corners (n, 4, 3) of all cells."""
+    away = corners - np.repeat(level.centre, level.count, axis=0)[:, None]
+    farthest: Float32 = np.maximum.reduceat((away * away).sum(axis=2).max(axis=1), level.start[:-1])
+    return farthest
 
 
 def _pick(estimated: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:
@@ -201,10 +234,10 @@ def _estimate(
     return out
 
 
-def order_cells(centre: FloatArray, normal: FloatArray, sealed: BoolArray) -> Int64:
+def order_cells(polygons: CellPolygons) -> Int64:
     """Order of cells (n,): unsealed cells first, then by normal and along a Morton curve, so that runs are compact."""
-    by_place = sort_by_place(centre, normal)
-    return by_place[np.argsort(sealed[by_place], kind="stable")]
+    by_place = sort_by_place(polygons.centre, polygons.normal)
+    return by_place[np.argsort(polygons.sealed[by_place], kind="stable")]
 
 
 def cut_by_spread(weight: Float64, place: FloatArray, most: int, even: float) -> Int64:

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.materials import SurfaceMaterials
 from ..scene.shadow_rays import ShadowRays
-from ..scene.slender_triangles import find_corners, whole_parts
+from ..scene.slender_triangles import whole_parts
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import ORIGIN_OFFSET, dot_rows, take_rows
+from .cell_polygons import CellPolygons
 from .direct_lights import Aim
 from .direct_points import GAUSS_POINTS, MIDDLE, STAGES, Receivers, ReceivingSurfaces, TexelChunk, light_points, random_shift, row_pieces
 from .emitter_clusters import EmitterClusters, order_cells
 from .emitting_cells import EmittingCells
-from .irradiance import polygon_irradiance
 from .stratified_choice import (
     BLOCK_TEXELS,
     Demand,
     Span,
+    choose,
     choose_by_importance,
-    choose_by_strata,
     cumulate,
+    draw_strata,
     find_reach,
     in_order,
     sample_adaptively,
@@ -39,43 +39,37 @@ _PROBES = (0, 5, 10, 15)  # the quarter's corners, at which the importances are 
 _PILOTS = 4  # receivers of a block that first trace a ray to every cluster
 _REGION_BLOCKS = 16  # blocks whose pilots' mean visibility of a cluster is a prior
 _UNSEEN_LEAST, _UNSEEN_MOST = 0.05, 0.4  # bounds of the importance's factor for a pilot that did not see the cluster
-_ON_HORIZON = 1e-3  # roots of a triangle's area below the horizon that count as on it
-_CORNERS_WORK = 16  # cost of a triangle's closed form, relative to a cluster's importance
-_NEAR = 4.0  # the closed form is used below this ratio of squared distance to the triangle's area
+# A cluster is near a texel if its distance and size together are below this many half diagonals of the texel.
+_WIDE = np.float32(4)
+
+
+@dataclass(frozen=True)
+class _Chances:
+    """Pdfs of the clusters at the texels of a chunk.
+
+    end       (n_group, n_cluster) float64   from stratified_choice.cumulate
+    group     (n,) int64                     row of each texel
+    is_near   (n,) bool                      texels beside a small cluster, which have a pdf for each ray: that of one place in the texel is
+                                             a poor one elsewhere
+    """
+
+    end: Float64
+    group: Int64
+    is_near: BoolArray
 
 
 @dataclass(frozen=True)
 class EmitterPool:
     """Emitting cells, sorted so that clusters of consecutive ones are compact and of similar normals.
 
-    constant         (n,) bool                          the cell is a triangle, or part of one, of constant radiance
-    area             (n,) float64, unit box squared
-    sealed           (n,) bool                          the cell's back is never visible
+    constant         (n,) bool                          the cell is a triangle, or part of one, of constant radiance; else textured
     """
 
     cells: EmittingCells
     constant: BoolArray
-    area: Float64
-    sealed: BoolArray
     clusters: EmitterClusters
     scene: ReceivingSurfaces
     surfaces: SurfaceMaterials
-
-    @cached_property
-    def corners(self) -> Float32:
-        """(n, 3, 3) float32, unit box: corners of the cells' triangles, or of their parts."""
-        own = self.scene.corner_unit[self.cells.tri]
-        return own if self.cells.part is None else find_corners(own, self.cells.part)
-
-    @cached_property
-    def middle(self) -> Float32:
-        """(n, 3) float32, unit box: centroids of the cells' triangles, or of their parts."""
-        return self.corners.mean(axis=1)
-
-    @cached_property
-    def _alone(self) -> Int64:
-        """(m,) int64: runs of a single cell of constant radiance."""
-        return np.flatnonzero((self.clusters.runs.count == 1) & self.constant[self.clusters.first[: len(self.clusters)]])
 
     @classmethod
     def of(
@@ -91,17 +85,13 @@ class EmitterPool:
         part = None
         if any(group.part is not None for group in groups):
             part = np.concatenate([whole_parts(len(group.tri)) if group.part is None else group.part for group in groups])
-        every = np.arange(len(tri))
         cells = EmittingCells(tri, corner, side, area_m2, mean_rgb, False, part)
-        _, barycentric = cells.place(every, np.full((len(tri), 2), 0.5))
-        centre, normal = scene.place(tri, barycentric[:, 0], barycentric[:, 1]), scene.normal[tri]
-        order = order_cells(centre, normal, tri_sealed[tri])
+        polygons = CellPolygons.of(cells, scene, scale, tri_sealed)
+        order = order_cells(polygons)
         part = None if part is None else part[order]
         cells = EmittingCells(tri[order], corner[order], side[order], area_m2[order], mean_rgb[order], False, part)
-        area, weight, centre, normal = area_m2[order] * scale**2, importance[order], centre[order], normal[order]
-        sealed = tri_sealed[cells.tri]
-        clusters = EmitterClusters.of(weight, centre, normal, area / math.pi, sealed)
-        return cls(cells, constant[order], area, sealed, clusters, scene, surfaces)
+        clusters = EmitterClusters.of(importance[order], polygons.rows(order))
+        return cls(cells, constant[order], clusters, scene, surfaces)
 
     def irradiance(
         self, rays: ShadowRays, chunk: TexelChunk, demand: Demand, base_rgb: Float64, rng: np.random.Generator
@@ -110,11 +100,11 @@ class EmitterPool:
 
         base_rgb   (n, 3) float64, W/m^2: other light at the texels; the tolerance is relative to the sum
         """
-        end, group, n_ray = self._choose_clusters(rays, chunk, demand.flat.texels(), rng)
+        chances, n_ray = self._choose_clusters(rays, chunk, demand.flat.texels(), rng)
         shift, turn = random_shift(rng, len(chunk)), random_shift(rng, len(chunk))[:, 0]
 
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
-            return self._gather(rays, chunk, rows, (end, group), (shift, turn), span, rng)
+            return self._gather(rays, chunk, rows, chances, (shift, turn), span, rng)
 
         total, variance, traced = sample_adaptively(gather, np.arange(len(chunk)), demand, base_rgb, _SPANS)
         return total, variance, n_ray + traced
@@ -125,7 +115,7 @@ class EmitterPool:
         """
         count = len(receivers.position)
         cell, chance = np.empty(count, np.int64), np.empty(count)
-        for rows, run, of_run, rest in choose_by_importance(receivers, len(self.clusters), self._estimate, rng):
+        for rows, run, of_run, rest in choose_by_importance(receivers, len(self.clusters), self.clusters.estimate, rng.random(count)):
             cell[rows], within = self.clusters.choose(receivers.rows(rows), run, rest)
             chance[rows] = of_run * within
         aim, radiance = self._aim(receivers, cell, rng.random((count, 2), np.float32))
@@ -136,26 +126,27 @@ class EmitterPool:
         rays: ShadowRays,
         chunk: TexelChunk,
         rows: IntArray,
-        chances: tuple[Float64, Int64],
+        chances: _Chances,
         shifts: tuple[NDArray[np.uint32], NDArray[np.uint32]],
         span: Span,
         rng: np.random.Generator,
     ) -> tuple[Float64, int]:
         """(k, len(rows), 3) float64: estimates by one ray each, in the order of their strata of the choice."""
-        (first, last), (end, group) = span, chances
+        first, last = span
         receivers = chunk.receivers(rows, first, last)
-        step, cluster, chance, rest = choose_by_strata(end, group[rows], shifts[1][rows], last - first, rng)
+        step, pick = draw_strata(shifts[1][rows], last - first, rng)
+        cluster, chance, rest = choose(chances.end, np.broadcast_to(chances.group[rows], pick.shape), pick)
+        near = np.flatnonzero(np.broadcast_to(chances.is_near[rows], pick.shape).ravel())
+        for piece, *own in choose_by_importance(receivers.rows(near), len(self.clusters), self.clusters.estimate, pick.ravel()[near]):
+            cluster[near[piece]], chance[near[piece]], rest[near[piece]] = own
         cell, cell_chance = self.clusters.choose(receivers, cluster, rest)
         aim, radiance = self._aim(receivers, cell, light_points(take_rows(shifts[0], rows), first, last))
         seen = receivers.see(rays, aim)
         weight = np.where(seen.share > 0, aim.weight / (chance * cell_chance), 0)
         return in_order(step, seen.times(radiance * weight[:, None])), seen.rays
 
-    def _choose_clusters(self, rays: ShadowRays, chunk: TexelChunk, flat: Int64, rng: np.random.Generator) -> tuple[Float64, Int64, int]:
-        """(n_group, n_cluster) float64: cdf of the clusters plus the row's number; (n,) int64: row of each texel; and rays traced.
-
-        Texels of a quarter of a flat tile share a row.
-        """
+    def _choose_clusters(self, rays: ShadowRays, chunk: TexelChunk, flat: Int64, rng: np.random.Generator) -> tuple[_Chances, int]:
+        """The pdfs of the chunk's texels, and rays traced. Texels of a quarter of a flat tile share one."""
         visibility, n_ray = self._measure_visibility(rays, chunk, rng)
         n_cluster = len(self.clusters)
         alone = np.ones(len(chunk), bool)
@@ -165,32 +156,19 @@ class EmitterPool:
         group[quarters] = np.arange(len(quarters))[:, None]
         group[single] = len(quarters) + np.arange(len(single))
         end = np.empty((len(quarters) + len(single), n_cluster))
+        is_near = np.zeros(len(end), bool)
         for probes, first in ((quarters[:, _PROBES], 0), (single[:, None], len(quarters))):
             for piece in row_pieces(np.arange(len(probes)), n_cluster * probes.shape[1]):
                 ends = chunk.receivers_at(probes[piece].ravel(), _DIAGONAL)
                 count = len(ends.position) // len(_DIAGONAL)
                 middle = replace(ends.rows(np.arange(count)), position=ends.position.reshape(-1, count, 3).mean(axis=0))
-                chance = self._estimate(middle, find_reach(ends.position, count)).reshape(len(piece), -1, n_cluster).sum(axis=1)
+                reach = find_reach(ends.position, count)
+                chance = self.clusters.estimate(middle, reach).reshape(len(piece), -1, n_cluster).sum(axis=1)
+                is_near[first + piece] = self.clusters.find_near(middle.position, _WIDE * reach).reshape(len(piece), -1).any(axis=1)
                 chance *= visibility[probes[piece, 0] // BLOCK_TEXELS]
                 at = first + piece[0]
                 cumulate(chance, at, end[at : at + len(piece)])
-        return end, group, n_ray
-
-    def _estimate(self, receivers: Receivers, reach: Float32) -> Float32:
-        """As EmitterClusters.estimate, but near large triangles by their closed form, as the centroid is a poor estimate there."""
-        estimated = self.clusters.estimate(receivers, reach)
-        run, place = self._alone, receivers.position
-        cell = self.clusters.first[run]
-        middle, area = take_rows(self.middle, cell), self.area[cell]
-        away2 = dot_rows(place, place)[:, None] + dot_rows(middle, middle) - 2 * place @ middle.T
-        row, which = np.nonzero(away2 < _NEAR * area)
-        for piece in row_pieces(np.arange(len(row)), _CORNERS_WORK):
-            rows, runs, cells = row[piece], run[which[piece]], cell[which[piece]]
-            asking, normal = receivers.rows(rows), take_rows(self.scene.normal, self.cells.tri[cells])
-            given = np.abs(polygon_irradiance(self.corners[cells], asking.position, asking.normal))
-            given[self.sealed[cells] & (dot_rows(asking.position - take_rows(self.middle, cells), normal) < 0)] = 0
-            estimated[rows, runs] = np.maximum(estimated[rows, runs], given / self.area[cells] * self.clusters.weight[runs])
-        return estimated
+        return _Chances(end, group, is_near[group]), n_ray
 
     def _measure_visibility(self, rays: ShadowRays, chunk: TexelChunk, rng: np.random.Generator) -> tuple[Float32, int]:
         """(n_block, n_cluster): visibility of each cluster from the pilots of the block and of its region; and rays traced."""
@@ -222,38 +200,22 @@ class EmitterPool:
         toward = np.where(in_front, np.float32(1), np.float32(-1))
         direction += np.float32(ORIGIN_OFFSET) * toward[:, None] * normal
         square = np.maximum(dot_rows(direction, direction), np.float32(1e-20))
-        area = self.area[cell]
+        polygons = self.clusters.polygons
+        area = polygons.area[cell]
         cosines = np.maximum(dot_rows(direction, receivers.normal), 0) * np.abs(dot_rows(direction, normal)) / square
         # cos cos' A / r^2, with r at least the radius of a disk of the cell's area: biased there, to bound the weight of rare near points.
         weight = cosines * (area / np.maximum(square, area / math.pi))
-        weight[self.sealed[cell] & ~in_front] = 0
-        self._sharpen(weight, receivers, cell)
+        weight[polygons.sealed[cell] & ~in_front] = 0
+        # Near cells have the closed form, as their radiance is constant or almost. Chosen by the centroid, not by the ray's end: else near
+        # ends would have the mean weight, and far ones their own lower weight.
+        near = np.flatnonzero((weight > 0) & polygons.are_close(cell, receivers))
+        beside, cells = receivers.rows(near), cell[near]
+        # Points below the horizon have weight 0, so the points above, a share p of the area, get the closed form divided by p.
+        share = polygons.share_above(cells, beside)
+        weight[near] = np.where(share > 0, polygons.irradiance(cells, beside) / np.where(share > 0, share, 1), weight[near])
         radiance = self.cells.mean_rgb[cell]
         textured = np.flatnonzero(~self.constant[cell])
         if len(textured):
             radiance[textured] = self.surfaces.emission_at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
         short = weight.astype(np.float32)
         return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance
-
-    def _sharpen(self, weight: Float64, receivers: Receivers, cell: Int64) -> None:
-        """Replaces the weight by the closed form of the irradiance near triangles of constant radiance."""
-        # Chosen by the centroid, not by the ray's end: else near ends would have the mean weight, and far ones their own lower weight.
-        middle = take_rows(self.middle, cell) - receivers.position
-        near = np.flatnonzero(self.constant[cell] & (weight > 0) & (dot_rows(middle, middle) < _NEAR * self.area[cell]))
-        asking, corners = receivers.rows(near), self.corners[cell[near]]
-        height = ((corners - asking.position[:, None]) * asking.normal[:, None]).sum(axis=2)
-        # Points below the horizon have weight 0, so the points above, a share p of the area, get the closed form divided by p.
-        # Corners shared with the receiver's own face lie on the horizon up to rounding.
-        whole = (height > -_ON_HORIZON * np.sqrt(self.area[cell[near]])[:, None]).all(axis=1)
-        share = np.where(whole, 1.0, _share_above(height))
-        chosen = whole | (share > 0)
-        near, asking = near[chosen], asking.rows(np.flatnonzero(chosen))
-        weight[near] = np.abs(polygon_irradiance(corners[chosen], asking.position, asking.normal)) / share[chosen]
-
-
-def _share_above(height: FloatArray) -> Float64:
-    """(n,) float64: share of triangles' area above the horizon, by the heights of their corners (n, 3)."""
-    low, middle, high = np.sort(height.astype(np.float64), axis=1).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        below = np.where(middle > 0, low**2 / ((low - middle) * (low - high)), 1 - high**2 / ((high - middle) * (high - low)))
-    return np.where(low >= 0, 1.0, np.where(high <= 0, 0.0, 1 - below))

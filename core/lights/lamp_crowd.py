@@ -20,10 +20,11 @@ from .stratified_choice import (
     Clusters,
     Demand,
     Span,
+    choose,
     choose_by_importance,
-    choose_by_strata,
     cumulate,
     cut_evenly,
+    draw_strata,
     find_reach,
     in_order,
     sample_adaptively,
@@ -115,7 +116,8 @@ class LampCrowd:
     def choose(self, receivers: Receivers, rng: np.random.Generator) -> tuple[Int64, Float64]:
         """A lamp for each of n receivers, by importance, and its probability; (n,) each."""
         lamp, chance = np.empty(len(receivers.position), np.int64), np.empty(len(receivers.position))
-        for rows, cluster, of_cluster, rest in choose_by_importance(receivers, len(self.clusters), self.estimate, rng):
+        u = rng.random(len(lamp))
+        for rows, cluster, of_cluster, rest in choose_by_importance(receivers, len(self.clusters), self.estimate, u):
             lamp[rows], within = self.clusters.choose(cluster, rest)
             chance[rows] = of_cluster * within
         return lamp, chance
@@ -177,7 +179,8 @@ class RestOfCrowd:
         def gather(rows: IntArray, span: Span) -> tuple[Float64, int]:
             first, last = span
             receivers = chunk.receivers(rows, first, last)
-            step, cluster, chance, rest = choose_by_strata(self._end, rows // _TOGETHER, turn[rows], last - first, rng)
+            step, pick = draw_strata(turn[rows], last - first, rng)
+            cluster, chance, rest = choose(self._end, np.broadcast_to(rows // _TOGETHER, pick.shape), pick)
             lamp, lamp_chance = self._crowd.clusters.choose(cluster, rest)
             value, traced = self._trace(rays, receivers, lamp, light_points(take_rows(shift, rows), first, last))
             if first == 0:

@@ -19,7 +19,7 @@ from ..util.brightness import weigh_channels
 from ..util.geometry import take_rows
 from .direct_lights import WorldSource
 from .direct_points import STAGES, TexelChunk, light_points, random_shift, row_pieces
-from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose_by_strata, cumulate, in_order, sample_adaptively, sum_regions
+from .stratified_choice import BLOCK_TEXELS, Demand, Span, choose, cumulate, draw_strata, in_order, sample_adaptively, sum_regions
 
 _SIDE = 16  # cells per side of the unit square that is mapped to the hemisphere
 _CELLS = _SIDE**2
@@ -238,7 +238,8 @@ def _choose(
 ) -> tuple[Int64, Float32, Float64, Int64]:
     """Cells of a span of rays from texels of blocks (n,), points (.., 2) in the unit square, the cells' probabilities, the rays' strata."""
     first, last = span
-    step, cell, chance, _ = choose_by_strata(end, block, shift[:, 0], last - first, rng)
+    step, pick = draw_strata(shift[:, 0], last - first, rng)
+    cell, chance, _ = choose(end, np.broadcast_to(block, pick.shape), pick)
     to = (np.stack(part_bits(cell), axis=1) + light_points(shift, first, last)) / _SIDE
     return cell, to.astype(np.float32), chance, step
 

@@ -137,43 +137,43 @@ def cumulate(chances: FloatArray, first: int, out: Float64) -> None:
     out += np.arange(first, first + len(out))[:, None]
 
 
-def choose_by_strata(
-    end: Float64, rows: IntArray, turn: NDArray[np.uint32], count: int, rng: np.random.Generator
-) -> tuple[Int64, Int64, Float64, Float64]:
-    """Choose (count, len(rows)) clusters, one in each of `count` strata of a row's cdf.
+def choose(end: Float64, row: Int64, u: FloatArray) -> tuple[Int64, Float64, Float64]:
+    """Choose a cluster from the cdf of each row (n,) or (k, n) of `end`, from `cumulate`, by u in [0, 1), of the same shape.
 
-    end       from `cumulate`
-    rows      (n,) int      rows of end
-    turn      (n,) uint32   rotates the order of each row's strata, to decorrelate them from places in the texel
-    out       strata (count, len(rows)) int64; then (count * len(rows),): cluster int64, its probability, and the random number rescaled
-              to be uniform in [0, 1] again
+    out   (n,) or (k * n,): cluster int64, its probability, and u rescaled to be uniform in [0, 1] again
     """
     n_cluster = end.shape[1]
-    step = (np.arange(count)[:, None] + turn % count) % count
-    pick = (step + rng.random((count, len(rows)))) / count
-    row = np.broadcast_to(rows, pick.shape).ravel()
-    target = pick.ravel() + row
+    target = u + row
     # Searched row by row, for locality of memory.
-    found = np.searchsorted(end.ravel(), np.ravel(target.reshape(pick.shape), order="F"), side="right").reshape(pick.shape, order="F")
+    found = np.searchsorted(end.ravel(), np.ravel(target, order="F"), side="right").reshape(target.shape, order="F")
+    target, row = target.ravel(), row.ravel()
     cluster = np.clip(found.ravel() - row * n_cluster, 0, n_cluster - 1)
     low = np.where(cluster > 0, end[row, np.maximum(cluster - 1, 0)], row)
     chance = np.maximum(end[row, cluster] - low, 1e-12)
-    return step, cluster, chance, np.clip((target - low) / chance, 0, 1)
+    return cluster, chance, np.clip((target - low) / chance, 0, 1)
+
+
+def draw_strata(turn: NDArray[np.uint32], count: int, rng: np.random.Generator) -> tuple[Int64, Float64]:
+    """A number in each of `count` strata of [0, 1) for n rows: the strata (count, n) int64 and the numbers (count, n) float64.
+
+    turn   (n,) uint32   rotates the order of each row's strata, to decorrelate them from places in the texel
+    """
+    step = (np.arange(count)[:, None] + turn % count) % count
+    return step, (step + rng.random((count, len(turn)))) / count
 
 
 def choose_by_importance(
-    receivers: Receivers, n_cluster: int, estimate: Callable[[Receivers, Float32], Float32], rng: np.random.Generator
+    receivers: Receivers, n_cluster: int, estimate: Callable[[Receivers, Float32], Float32], u: FloatArray
 ) -> Iterator[tuple[Int64, Int64, Float64, Float64]]:
-    """Choose a cluster for each of n receivers by its importance.
+    """Choose a cluster for each of n receivers by its importance and u (n,) in [0, 1).
 
     estimate   returns importances (k, n_cluster) at k receivers, for radii (k,) around them
-    Yields pieces of the receivers: their rows (k,), and clusters, probabilities and random numbers (k,) as choose_by_strata returns them.
+    Yields pieces of the receivers: their rows (k,), and clusters, probabilities and random numbers (k,) as `choose` returns them.
     """
     for rows in row_pieces(np.arange(len(receivers.position)), n_cluster):
         end = np.empty((len(rows), n_cluster))
         cumulate(estimate(receivers.rows(rows), np.zeros(len(rows), np.float32)), 0, end)
-        _, cluster, chance, rest = choose_by_strata(end, np.arange(len(rows)), np.zeros(len(rows), np.uint32), 1, rng)
-        yield rows, cluster, chance, rest
+        yield rows, *choose(end, np.arange(len(rows)), u[rows])
 
 
 def in_order(step: Int64, values: FloatArray) -> Float64:

@@ -173,3 +173,18 @@ def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():
     textured = replace(plain, materials=materials, images=(image,), tri_emission_uv=np.full((plain.n_tri, 3, 2), 0.3, np.float32))
     found, expected = (light_floor(prepare(scene)[0], tolerance=0.0).irradiance_rgb for scene in (textured, plain))
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+
+
+def test_a_picture_close_to_a_floor_gives_all_of_its_light_with_little_noise():
+    """A screen 1 mm over the floor, its pixels smaller than a texel: what a ray finds depends on the place in the texel where it starts."""
+    plain = lit_scene(emission=[moved(quad_mesh("Screen", 0.35, 0.07), (0.3, 0.41, 0.001))], rgb=(0.65, 0.65, 0.65))
+    pixels = np.full((8, 34, 3), 0.5, np.float32)
+    pixels[::2, ::2] = pixels[1::2, 1::2] = 0.8
+    uv = plain.tri_emission_uv.copy()
+    uv[2], uv[3] = [[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]
+    lamp = replace(plain.materials[1], emission_rgb=(1.0, 1.0, 1.0), emission_image=0)
+    image = TextureImage("Picture", pixels, closest=True)
+    textured = replace(plain, materials=(plain.materials[0], lamp), images=(image,), tri_emission_uv=uv)
+    found, expected = (light_floor(prepare(scene)[0]).irradiance_rgb[:, 0] for scene in (textured, plain))
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.015)
+    assert np.sqrt(((found - expected) ** 2).mean()) < 0.15 * expected[expected > 1].mean()
