@@ -8,10 +8,17 @@ from numpy.typing import NDArray
 from ..lights.direct_lights import AreaSource, PointSource, Source, TriangleSource
 from ..lights.direct_points import GAUSS_POINTS, Receivers, TexelChunk, row_pieces
 from ..util.arrays import Float32, Float64, IntArray
+from ..util.geometry import dot_rows
 
 # Four points suffice where the distance to a light is at least this many times the points' radius: with an inverse-square law their values
 # then differ by half of their mean.
 _FAR = 14.0
+# The same for the straight edge of a wide light close by: two points across it are then within 1 % of the mean of its profile,
+# 1 + x / sqrt(x^2 + h^2).
+_FAR_FROM_EDGE = 2.5
+_EDGE_HALVINGS = (
+    6  # squares along an edge whose quarters would hold less than a thousandth of the texel's light: 4 ** -6, on 2 ** 6 of them
+)
 _GENTLE = 0.5  # four points give the mean of a closed form whose range inside a texel, relative to that mean, is at most this
 _MOST_HALVINGS, _JUMP_HALVINGS = 12, 5  # halvings of a texel's side; float32 positions are not much finer
 _SQUARES_AT_ONCE = 2**13  # about as many as fit the cache
@@ -25,6 +32,7 @@ def find_peaks(source: Source, receivers: Receivers, n_point: int) -> NDArray[np
     """
     middle, radius_squared = _enclose(receivers, n_point)
     out: NDArray[np.bool_] = _span_squared(source, middle) < _FAR**2 * radius_squared
+    out |= _edge_distance_squared(source, middle) < _FAR_FROM_EDGE**2 * radius_squared
     return out
 
 
@@ -51,6 +59,31 @@ def _span_squared(source: Source, place: Float32) -> Float32:
     return out
 
 
+def _edge_distance_squared(source: Source, place: Float32) -> Float32:
+    """(n,) float32, unit box squared: squared distance to the edge of a flat light, where its light ends if it is close; inf for others."""
+    if isinstance(source, AreaSource) and source.ellipse:
+        away = place - source.centre
+        x, y = (dot_rows(away, axis) / dot_rows(axis, axis) for axis in (source.x_axis, source.y_axis))
+        beyond = 1 - 1 / np.maximum(np.hypot(x, y), np.float32(1e-6))  # along the line from the centre
+        height = dot_rows(away, source.z_axis)
+        across = x[:, None] * source.x_axis + y[:, None] * source.y_axis
+        return beyond * beyond * dot_rows(across, across) + height * height
+    if isinstance(source, AreaSource):
+        x, y = source.x_axis, source.y_axis
+        corners = source.centre[:, None] + np.stack([-x - y, y - x, x + y, x - y], axis=1)
+    elif isinstance(source, TriangleSource):
+        corners = source.corners
+    else:
+        return np.full(len(place), np.inf, np.float32)
+    least = np.full(len(place), np.inf, np.float32)
+    for start, end in zip(corners.swapaxes(0, 1), np.roll(corners, -1, axis=1).swapaxes(0, 1), strict=True):
+        along, away = end - start, place - start
+        share = np.clip(dot_rows(away, along) / np.maximum(dot_rows(along, along), np.float32(1e-30)), 0, 1)
+        away = away - share[:, None] * along
+        np.minimum(least, dot_rows(away, away), out=least)
+    return least
+
+
 def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texels: IntArray) -> tuple[Float64, Float64]:
     """Mean of the closed form over each texel (n,), and the variance of that mean (n,), by squares that are smaller near the light.
 
@@ -68,7 +101,10 @@ def average_peaks(source: Source, lamp: IntArray | None, chunk: TexelChunk, texe
         lights = source if lamp is None else source.rows(np.tile(lamp[own], len(points)))
         closed = lights.irradiance(receivers.position, receivers.normal).reshape(len(points), -1)
         middle, radius_squared = _enclose(receivers, len(points))
-        flat = _span_squared(source if lamp is None else source.rows(lamp[own]), middle) >= _FAR**2 * radius_squared
+        own_lights = source if lamp is None else source.rows(lamp[own])
+        flat = _span_squared(own_lights, middle) >= _FAR**2 * radius_squared
+        if halvings < _EDGE_HALVINGS:
+            flat &= _edge_distance_squared(own_lights, middle) >= _FAR_FROM_EDGE**2 * radius_squared
         # A square that spans two triangles with a gap between them never becomes small.
         flat |= (halvings >= _JUMP_HALVINGS) & (radius_squared > before / 2)
         flat |= halvings == _MOST_HALVINGS

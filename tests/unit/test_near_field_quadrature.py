@@ -22,6 +22,8 @@ BALL = replace(LAMP, radius_m=0.02)
 TILE = replace(
     LAMP, kind="AREA", size_m=(0.03, 0.02), rotation=((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)), position_m=(0.43, 0.55, 0.03)
 )
+# A wide panel just above the floor: even below it, and dark a few millimetres beside it.
+PANEL = replace(LAMP, kind="AREA", size_m=(0.5, 0.3), position_m=(0.45, 0.6, 0.005))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,9 @@ def test_a_point_lamp_fills_the_texels_solid_angle(chunk, gap_m):
     assert (np.sqrt(variance) < 0.02 * truth).all()
 
 
-@pytest.mark.parametrize("light", [LAMP, BALL, replace(BALL, soft_falloff=False), TILE, replace(TILE, shape="ELLIPSE")])
+@pytest.mark.parametrize(
+    "light", [LAMP, BALL, replace(BALL, soft_falloff=False), TILE, replace(TILE, shape="ELLIPSE"), PANEL, replace(PANEL, shape="ELLIPSE")]
+)
 def test_lamps_are_within_their_stated_error_of_a_fine_sum(chunk, light):
     source = source_of(light)
     mean, variance = average_peaks(source, None, chunk, TEXELS)
@@ -86,4 +90,6 @@ def test_only_texels_near_a_lamp_hold_a_peak(chunk):
     assert not near[distance > 6].any()
     assert not find_peaks(source_of(replace(LAMP, position_m=(0.43, 0.55, 1.0))), receivers, 4).any()
     assert not find_peaks(source_of(replace(TILE, size_m=(2.0, 2.0))), receivers, 4).any(), "a panel of many texels is even"
+    under_edge = find_peaks(source_of(replace(PANEL, size_m=(4.0, 4.0), position_m=(-1.55, 0.5, 0.005))), receivers, 4)
+    assert (under_edge == np.isin(column, (3, 4))).all(), "its edge is at 0.45 m, in the fourth column"
     assert not find_peaks(make_suns([Light("SUN", "Sun", power_rgb=(1.0,) * 3)])[0], receivers, 4).any()
