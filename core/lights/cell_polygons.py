@@ -51,16 +51,16 @@ class CellPolygons:
         return np.average(self.corners, axis=1, weights=(2, 1, 2, 1)).astype(np.float32)
 
     @cached_property
-    def close(self) -> Float32:
-        """(n,) float32, unit box squared: squared distance from the centroid below which a receiver is close."""
+    def farthest(self) -> Float32:
+        """(n,) float32, unit box squared: squared distance of the farthest corner from the centroid."""
         away = self.corners - self.centre[:, None]
-        farthest: Float32 = _CLOSE * (away * away).sum(axis=2).max(axis=1)
-        return farthest
+        out: Float32 = (away * away).sum(axis=2).max(axis=1)
+        return out
 
     def are_close(self, cell: Int64, receivers: Receivers) -> BoolArray:
         """(n,) bool: whether cells (n,) are close to receivers, where their centres and area do not give their light."""
         away = take_rows(self.centre, cell) - receivers.position
-        out: BoolArray = dot_rows(away, away) < self.close[cell]
+        out: BoolArray = dot_rows(away, away) < _CLOSE * self.farthest[cell]
         return out
 
     def irradiance(self, cell: Int64, receivers: Receivers) -> Float64:

@@ -26,6 +26,9 @@ _AMONG = np.float32(4)  # the same for these children; measured: light by strips
 # A receiver is near, too, if its squared distance is below this times that of the farthest corner. Measured on a street by night with 500
 # small windows: without it direct light has four times the variance.
 _OUTSIDE = np.float32(1.2)
+# The same for the closed form of a cell's light as its importance. Measured 1.2 mm below cells of 7 mm: with 4 the standard deviation is
+# 0.9 times, with 1 twice that with 2.
+_BESIDE = np.float32(2)
 _CORNERS_WORK = 16  # cost of a closed form, relative to that of an importance by the centre
 _GRAZING = np.float32(0.02)  # least cosine, since importances are evaluated at a normal and position that differ from the receiver's
 _BEHIND = np.float32(0.002)  # replaces the cosine of nodes that are certainly below the horizon or face away
@@ -90,8 +93,8 @@ class EmitterClusters:
 
     @cached_property
     def close(self) -> Float32:
-        """(n_node,) float32, unit box squared: CellPolygons.close of single cells, 0 of other nodes."""
-        return np.where(self.count == 0, self.polygons.close[self.first], np.float32(0))
+        """(n_node,) float32, unit box squared: squared distance below which single cells have the closed form as importance; else 0."""
+        return np.where(self.count == 0, _BESIDE * self.polygons.farthest[self.first], np.float32(0))
 
     def __len__(self) -> int:
         return len(self.runs)
