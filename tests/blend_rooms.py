@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import bpy
+import leaflight
 import numpy as np
 from leaflight.addon.app.job import library_paths
 from leaflight.addon.ui import cli
@@ -28,6 +30,14 @@ class PanelContext:
         return getattr(bpy.context, name)
 
 
+@contextmanager
+def use_addon() -> Iterator[None]:
+    """The add-on is registered within."""
+    leaflight.register()
+    yield
+    leaflight.unregister()
+
+
 def open_room(lamp_w: float = 100.0) -> None:
     """The open scene: a floor of 4 m x 4 m and a cube of 1 m, both with the layer UVMap, and a lamp above; no world."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -40,10 +50,27 @@ def open_room(lamp_w: float = 100.0) -> None:
     bpy.context.object.data.energy = lamp_w
 
 
-def ask_quick_bake(folder: Path, scene: Any = None) -> None:
+def ask_quick_bake(folder: Path | str, scene: Any = None) -> None:
     """Sets a scene, the open one if none is named, for a quick small bake whose images go to `folder`."""
     chosen = (scene or bpy.context.scene).leaflight
     chosen.size, chosen.error, chosen.workers, chosen.output = 32, 0.5, 1, str(folder)
+
+
+def save_baked(folder: Path, size: int, max_photons: int = 5000) -> Path:
+    """Save the open scene in `folder` as room.blend, with a coarse bake by the button whose images lie in `maps` beside it."""
+    save_scene(folder / "room.blend")
+    ask_quick_bake("//maps")
+    bpy.context.scene.leaflight.size, bpy.context.scene.leaflight.max_photons = size, max_photons
+    bpy.ops.leaflight.bake()
+    bpy.ops.wm.save_mainfile()
+    return folder
+
+
+def add_twin() -> None:
+    """Another object of the floor's mesh, beside it."""
+    twin = bpy.data.objects["Floor"].copy()
+    twin.name, twin.location.x = "Twin", 5.0
+    bpy.context.scene.collection.objects.link(twin)
 
 
 def add_mesh(name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Any:

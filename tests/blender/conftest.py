@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 import traceback
 from collections.abc import Iterator
@@ -95,3 +96,39 @@ def room(tmp_path: Path) -> Path:
 
     open_room()
     return save_scene(tmp_path / "room.blend")
+
+
+@pytest.fixture
+def addon() -> Iterator[None]:
+    """The add-on is registered."""
+    from blend_rooms import use_addon
+
+    with use_addon():
+        yield
+
+
+@pytest.fixture
+def addon_room(addon: None, tmp_path: Path) -> None:
+    """blend_rooms' room, open with the add-on, set for quick bakes into the folder `maps`."""
+    from blend_rooms import ask_quick_bake, open_room
+
+    open_room()
+    ask_quick_bake(tmp_path / "maps")
+
+
+@pytest.fixture
+def baked_room(baked: Path, addon: None, tmp_path: Path) -> Path:
+    """A copy of what `baked`, a fixture of the test's file, has from blend_rooms.save_baked, its room.blend open with the add-on."""
+    import bpy
+
+    shutil.copytree(baked, tmp_path, dirs_exist_ok=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+    return tmp_path
+
+
+@pytest.fixture
+def state() -> Any:
+    """What the panel knows of the bake."""
+    import bpy
+
+    return bpy.context.window_manager.leaflight_state

@@ -8,27 +8,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
 from blend_dump import differences, dump
-from blend_rooms import add_mesh, ask_quick_bake, open_room
+from blend_rooms import add_mesh
 from leaflight.addon.app import job, request
 from leaflight.addon.read import export_receivers
 from leaflight.addon.show import restore
 from leaflight.core.util.messages import Done
 
-
-@pytest.fixture(autouse=True)
-def _room(tmp_path):
-    leaflight.register()
-    open_room()
-    ask_quick_bake(tmp_path / "maps")
-    yield
-    leaflight.unregister()
-
-
-@pytest.fixture
-def state():
-    return bpy.context.window_manager.leaflight_state
+pytestmark = pytest.mark.usefixtures("addon_room")
 
 
 def bake_error(state):

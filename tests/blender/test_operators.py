@@ -16,18 +16,7 @@ from leaflight.addon.ui import baking, panels
 from leaflight.core.util.messages import Preview, Progress, Status
 from leaflight.core.util.settings import Settings
 
-
-@pytest.fixture(autouse=True)
-def _registered():
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    leaflight.register()
-    yield
-    leaflight.unregister()
-
-
-@pytest.fixture
-def state():
-    return bpy.context.window_manager.leaflight_state
+pytestmark = pytest.mark.usefixtures("empty_file", "addon")
 
 
 @pytest.fixture

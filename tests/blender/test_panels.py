@@ -7,8 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
-from blend_rooms import PanelContext, add_mesh, ask_quick_bake, open_room
+from blend_rooms import PanelContext, add_mesh
 from leaflight.addon.app import properties
 from leaflight.addon.app.bake_state import BakeState
 from leaflight.addon.app.estimate import Estimate
@@ -53,19 +52,9 @@ class Layout:
 
 
 @pytest.fixture(autouse=True)
-def _room(tmp_path):
-    """A small quick bake that has a warning: the cube has no faces."""
-    leaflight.register()
-    open_room()
+def _warned(addon_room):
+    """A bake has a warning: an object has no faces."""
     add_mesh("Nothing", [], [])
-    ask_quick_bake(tmp_path / "maps")
-    yield
-    leaflight.unregister()
-
-
-@pytest.fixture
-def state():
-    return bpy.context.window_manager.leaflight_state
 
 
 def draw(context=None):

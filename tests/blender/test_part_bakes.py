@@ -6,10 +6,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
 from blend_dump import differences, dump
+from blend_rooms import add_twin, list_files, open_room, read_pixels, save_baked, save_scene, use_addon
 from blend_rooms import bake as bake_by_command
-from blend_rooms import list_files, open_room, read_pixels, save_scene
 from leaflight.addon.read import baked_copies
 from leaflight.addon.show import materials_write, restore
 from leaflight.addon.show.images import find_path
@@ -20,31 +19,18 @@ FILES = [f"room_{page}.combined.exr" for page in range(2)]
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
     """A folder with the room's file, all of it baked: the cube, which is mirrored, as a copy; and a twin that shares the floor's mesh."""
-    folder = tmp_path_factory.mktemp("baked")
-    leaflight.register()
-    open_room()
-    bpy.data.objects["Cube"].modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
-    twin = bpy.data.objects["Floor"].copy()
-    twin.name, twin.location.x = "Twin", 5.0
-    bpy.context.scene.collection.objects.link(twin)
-    save_scene(folder / "room.blend")
-    chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.max_photons, chosen.output = 48, 0.5, 1, 5000, "//maps"
-    bpy.ops.leaflight.bake()
-    bpy.ops.wm.save_mainfile()
-    leaflight.unregister()
-    return folder
+    with use_addon():
+        open_room()
+        bpy.data.objects["Cube"].modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
+        add_twin()
+        return save_baked(tmp_path_factory.mktemp("baked"), size=48)
 
 
 @pytest.fixture(autouse=True)
-def maps(baked, tmp_path):
-    """The folder of the images of a copy of all that, whose file is open with the add-on and half the light."""
-    shutil.copytree(baked, tmp_path, dirs_exist_ok=True)
-    leaflight.register()
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+def maps(baked_room):
+    """The folder of the images; half the light is left."""
     bpy.data.objects["Lamp"].data.energy /= 2.0
-    yield tmp_path / "maps"
-    leaflight.unregister()
+    return baked_room / "maps"
 
 
 def bake(*names):

@@ -7,8 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
-from blend_rooms import bake, open_room, read_report, save_scene
+from blend_rooms import bake, open_room, read_report, save_baked, save_scene, use_addon
 from leaflight.addon.app import kept_state, session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.show import layout, restore
@@ -19,34 +18,15 @@ from leaflight.core.util.settings import Settings
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
     """A folder with the room's file, baked once and coarsely, and its images."""
-    folder = tmp_path_factory.mktemp("baked")
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    leaflight.register()
-    open_room()
-    save_scene(folder / "room.blend")
-    chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.max_photons = 32, 0.5, 1, 20_000
-    chosen.output = "//maps"
-    assert not bpy.ops.leaflight.refine.poll()
-    bpy.ops.leaflight.bake()
-    bpy.ops.wm.save_mainfile()
-    leaflight.unregister()
-    return folder
+    with use_addon():
+        open_room()
+        assert not bpy.ops.leaflight.refine.poll()
+        return save_baked(tmp_path_factory.mktemp("baked"), size=32, max_photons=20_000)
 
 
 @pytest.fixture
-def room(baked, tmp_path):
-    """The room with the add-on, in a copy of that folder."""
-    shutil.copytree(baked, tmp_path, dirs_exist_ok=True)
-    leaflight.register()
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
-    yield bpy.context.scene
-    leaflight.unregister()
-
-
-@pytest.fixture
-def state():
-    return bpy.context.window_manager.leaflight_state
+def room(baked_room):
+    return bpy.context.scene
 
 
 @pytest.fixture

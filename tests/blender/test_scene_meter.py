@@ -5,18 +5,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
 from blend_rooms import add_mesh, ask_quick_bake, open_room
 from leaflight.addon.ui import checker_arrays
 from leaflight.addon.ui.select_operator import is_known
 
 
 @pytest.fixture(autouse=True)
-def _room():
-    leaflight.register()
+def _room(addon):
     open_room()
-    yield
-    leaflight.unregister()
 
 
 @pytest.fixture

@@ -1,54 +1,35 @@
 """What has changed since a bake: said of every kind of change, of nothing else, and before Refine works in vain."""
 
-import shutil
 from types import SimpleNamespace
 
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
-from blend_rooms import PanelContext, make_material, open_room, save_scene
+from blend_rooms import PanelContext, add_twin, make_material, open_room, save_baked, use_addon
 from leaflight.addon.app.changes import ChangeWatch
 from leaflight.addon.show import restore
 from leaflight.addon.show.scene_prints import PRINTS, describe_changes, list_changes, print_scene, read_marked
 from leaflight.addon.ui import panels
 
+pytestmark = pytest.mark.usefixtures("baked_room")
+
 
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
     """A folder with a file that wears a bake: a mirrored cube shown by a copy, twins of one mesh, materials by node trees, and a world."""
-    folder = tmp_path_factory.mktemp("baked")
-    leaflight.register()
-    open_room()
-    scene, cube = bpy.context.scene, bpy.data.objects["Cube"]
-    cube.modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
-    twin = bpy.data.objects["Floor"].copy()
-    twin.name, twin.location.x = "Twin", 5.0
-    scene.collection.objects.link(twin)
-    material = make_material("Wall")
-    ramp = material.node_tree.nodes.new("ShaderNodeValToRGB")
-    material.node_tree.links.new(material.node_tree.nodes["Principled BSDF"].inputs["Base Color"], ramp.outputs[0])
-    cube.data.materials.append(material)
-    scene.world = bpy.data.worlds.new("Sky")
-    scene.world.use_nodes = True
-    save_scene(folder / "room.blend")
-    chosen = scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.max_photons, chosen.output = 32, 0.5, 1, 5000, "//maps"
-    bpy.ops.leaflight.bake()
-    bpy.ops.wm.save_mainfile()
-    leaflight.unregister()
-    return folder
-
-
-@pytest.fixture(autouse=True)
-def _room(baked, tmp_path):
-    """A copy of that folder, its file open with the add-on."""
-    shutil.copytree(baked, tmp_path, dirs_exist_ok=True)
-    leaflight.register()
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
-    yield
-    leaflight.unregister()
+    with use_addon():
+        open_room()
+        scene, cube = bpy.context.scene, bpy.data.objects["Cube"]
+        cube.modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
+        add_twin()
+        material = make_material("Wall")
+        ramp = material.node_tree.nodes.new("ShaderNodeValToRGB")
+        material.node_tree.links.new(material.node_tree.nodes["Principled BSDF"].inputs["Base Color"], ramp.outputs[0])
+        cube.data.materials.append(material)
+        scene.world = bpy.data.worlds.new("Sky")
+        scene.world.use_nodes = True
+        return save_baked(tmp_path_factory.mktemp("baked"), size=32)
 
 
 def find_changes():

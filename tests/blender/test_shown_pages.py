@@ -7,9 +7,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
 from blend_rooms import bake as bake_by_command
-from blend_rooms import open_room, save_scene
+from blend_rooms import open_room, save_baked, save_scene, use_addon
 from leaflight.addon.app import kept_state
 from leaflight.addon.show import images, restore, shown_pages
 from leaflight.addon.show.layout import worn_folder, worn_result
@@ -19,27 +18,16 @@ from leaflight.addon.show.page_store import STORE
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
     """A folder with the room's file, saved with a bake by the button of 48 x 48 texels."""
-    folder = tmp_path_factory.mktemp("baked")
-    leaflight.register()
-    open_room()
-    save_scene(folder / "room.blend")
-    chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.workers, chosen.max_photons, chosen.output = 48, 0.5, 1, 5000, "//maps"
-    bpy.ops.leaflight.bake()
-    bpy.ops.wm.save_mainfile()
-    leaflight.unregister()
-    return folder
+    with use_addon():
+        open_room()
+        return save_baked(tmp_path_factory.mktemp("baked"), size=48)
 
 
 @pytest.fixture(autouse=True)
-def first(baked, tmp_path):
-    """A copy of that folder, its file open with the add-on; gives what the objects look like."""
-    shutil.copytree(baked, tmp_path, dirs_exist_ok=True)
-    leaflight.register()
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
+def first(baked_room):
+    """What the objects look like."""
     bpy.ops.ed.undo_push(message="opened")
-    yield look()
-    leaflight.unregister()
+    return look()
 
 
 def bake(size):

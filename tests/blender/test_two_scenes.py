@@ -5,16 +5,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-import leaflight
 from blend_dump import differences, dump
 from blend_rooms import ask_quick_bake, open_room
 from leaflight.addon.show import materials_write, restore
 
 
 @pytest.fixture(autouse=True)
-def _scenes(tmp_path):
+def _scenes(addon, tmp_path):
     """The room, and a scene "B/c" whose only mesh object is a twin of its cube; the lamp is in both."""
-    leaflight.register()
     open_room()
     other = bpy.data.scenes.new("B/c")
     twin = bpy.data.objects.new("Twin", bpy.data.objects["Cube"].data)
@@ -22,8 +20,6 @@ def _scenes(tmp_path):
         other.collection.objects.link(obj)
     for scene in bpy.data.scenes:
         ask_quick_bake(tmp_path / "maps", scene)
-    yield
-    leaflight.unregister()
 
 
 def run(scene_name, operator):
