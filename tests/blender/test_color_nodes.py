@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material
+from blend_nodes import add_glow, bake_emission
 from leaflight.addon.nodes import derived_images
 from leaflight.addon.nodes.derived_images import AT_CORNERS, MIXED
 from leaflight.addon.nodes.node_colors import Color
@@ -35,12 +35,8 @@ class Paint:
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         bpy.ops.mesh.primitive_plane_add(size=1.0)
         self.obj = bpy.context.object
-        self.material = make_material("Paint")
-        self.tree = self.material.node_tree
-        self.tree.nodes.clear()
-        self.obj.data.materials.append(self.material)
-        self.emission, output = self.add("Emission"), self.add("OutputMaterial")
-        self.tree.links.new(self.emission.outputs[0], output.inputs["Surface"])
+        self.tree, color = add_glow(self.obj.data, "Paint")
+        self.emission, self.material = color.node, self.obj.data.materials[0]
         self.random = np.random.default_rng(seed)
 
     def add(self, kind, **properties):
@@ -77,25 +73,11 @@ class Paint:
         pixels = table.images.images[material.emission_image].pixels if material.emission_image >= 0 else np.ones((SIDE, SIDE, 3))
         return pixels * np.array(material.emission_rgb), table.images.images, [text for _, text in warnings]
 
-    def bake(self):
-        """The same by Cycles."""
-        target = bpy.data.images.new("Target", SIDE, SIDE, float_buffer=True)
-        target.colorspace_settings.name = "Linear Rec.709"
-        node = self.add("TexImage", image=target)
-        self.tree.nodes.active = node
-        node.select = True
-        bpy.context.scene.render.engine = "CYCLES"
-        bpy.context.scene.cycles.samples = 1
-        bpy.ops.object.bake(type="EMIT", margin=0)
-        pixels = np.empty((SIDE, SIDE, 4), np.float32)
-        target.pixels.foreach_get(pixels.ravel())
-        return pixels[..., :3]
-
     def check(self, output):
         self.feed(self.emission, Color=output)
         found, images, told = self.read()
         assert not told
-        np.testing.assert_allclose(found, self.bake(), rtol=2e-3, atol=2e-3)
+        np.testing.assert_allclose(found, bake_emission(self.obj, self.tree, SIDE)[..., :3], rtol=2e-3, atol=2e-3)
         return images
 
 

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material
+from blend_nodes import add_glow, render_from_above
 from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_mesh import read_mesh
 from leaflight.addon.read.export_scene import export_scene
@@ -30,20 +30,16 @@ def make_values(kind, count):
     return [tuple(np.multiply(first, (1 + k) / count)) if isinstance(first, tuple) else first * (1 + k) for k in range(count)]
 
 
-def add_glow(kind, domain, output="Color", node_type="ShaderNodeAttribute"):
+def show_attribute(kind, domain, output="Color", node_type="ShaderNodeAttribute"):
     """Two triangles that shine with an attribute; an edge without a face hangs on one of their corners."""
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (-1, 1, 0), (1, 1, 0), (0, 0, -3)], [(0, 4)], [(0, 1, 2), (1, 3, 2)])
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("Square", mesh))
-    material = make_material("Glow")
-    tree = material.node_tree
-    tree.nodes.clear()
-    end, glow, node = (tree.nodes.new(name) for name in ("ShaderNodeOutputMaterial", "ShaderNodeEmission", node_type))
+    tree, color = add_glow(mesh)
+    node = tree.nodes.new(node_type)
     setattr(node, "attribute_name" if node_type == "ShaderNodeAttribute" else "layer_name", "x")
     source = node.outputs[2] if output == "Fac" else node.outputs[output]  # its name differs between versions
-    tree.links.new(source, glow.inputs["Color"])
-    tree.links.new(glow.outputs[0], end.inputs["Surface"])
-    mesh.materials.append(material)
+    tree.links.new(source, color)
     attribute = mesh.attributes.new("x", kind, domain)
     for element, value in zip(attribute.data, make_values(kind, len(attribute.data)), strict=True):
         setattr(element, FIELD.get(kind, "value"), value)
@@ -61,26 +57,10 @@ def read_glow():
     return glow.reshape(SIDE, SIDE, 3), dict(result.warnings).get("Glow", "")
 
 
-def render_glow(folder):
-    """What Cycles shows."""
-    scene = bpy.context.scene
-    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01
-    scene.render.resolution_x = scene.render.resolution_y = SIDE
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    camera.location, camera.data.type, camera.data.ortho_scale = (0.0, 0.0, 0.5), "ORTHO", 2.0
-    scene.collection.objects.link(camera)
-    scene.camera, scene.view_settings.view_transform = camera, "Raw"
-    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
-    scene.render.filepath = str(folder / "render.exr")
-    bpy.ops.render.render(write_still=True)
-    return np.array(bpy.data.images.load(scene.render.filepath).pixels).reshape(SIDE, SIDE, 4)[..., :3]
-
-
 def check_against_cycles(folder):
     glow, told = read_glow()
     assert told == ""
-    rendered = render_glow(folder)
+    rendered = render_from_above(folder, SIDE)
     off_diagonal = ~np.fliplr(np.eye(SIDE, dtype=bool))
     np.testing.assert_allclose(glow[off_diagonal], rendered[off_diagonal], atol=2e-3 * max(1.0, rendered.max()))
     return rendered
@@ -89,28 +69,28 @@ def check_against_cycles(folder):
 @pytest.mark.parametrize("kind", FIRST)
 @pytest.mark.parametrize("domain", ["EDGE", "POINT", "CORNER", "FACE"])
 def test_attributes_are_shown_as_cycles_shows_them(kind, domain, tmp_path):
-    add_glow(kind, domain)
+    show_attribute(kind, domain)
     assert np.ptp(check_against_cycles(tmp_path), axis=(0, 1)).max() > 0.05
 
 
 @pytest.mark.parametrize("output", ["Fac", "Alpha", "Vector"])
 @pytest.mark.parametrize("kind", FIRST)
 def test_outputs_of_edges_are_those_of_cycles(kind, output, tmp_path):
-    add_glow(kind, "EDGE", output)
+    show_attribute(kind, "EDGE", output)
     assert check_against_cycles(tmp_path).any()
 
 
 @pytest.mark.parametrize("kind", ["FLOAT_COLOR", "BYTE_COLOR"])  # Blender 5.0 crashes where it is no colour
 @pytest.mark.parametrize("output", ["Color", "Alpha"])
 def test_a_color_attribute_node_shows_edges_too(kind, output, tmp_path):
-    add_glow(kind, "EDGE", output, "ShaderNodeVertexColor")
+    show_attribute(kind, "EDGE", output, "ShaderNodeVertexColor")
     check_against_cycles(tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["INT", "INT8"])
 @pytest.mark.parametrize(("edges", "expected"), [((2, 3), 3.0), ((4, 5), 5.0), ((0, 1), 1.0), ((2, 2), 2.0)])
 def test_whole_numbers_of_edges_stay_whole(kind, edges, expected):
-    mesh = add_glow(kind, "EDGE")
+    mesh = show_attribute(kind, "EDGE")
     for element, edge in zip(mesh.attributes["x"].data, mesh.edges, strict=True):
         element.value = edges[edge.vertices[0] == 1] if 3 in edge.vertices else 0
     rgba = read_mesh(mesh, frozenset("x")).colors["x"]
@@ -118,7 +98,7 @@ def test_whole_numbers_of_edges_stay_whole(kind, edges, expected):
 
 
 def test_only_what_is_asked_for_is_read_besides_colours():
-    mesh = add_glow("FLOAT", "POINT")
+    mesh = show_attribute("FLOAT", "POINT")
     mesh.attributes.new("Col", "FLOAT_COLOR", "CORNER")
     mesh.attributes.new("edges", "FLOAT_COLOR", "EDGE")
     assert list_wanted_attributes() == {"x"}
@@ -138,7 +118,7 @@ def test_a_node_within_a_group_asks_too():
 
 def test_what_is_not_read_is_told(monkeypatch):
     monkeypatch.setattr(SocketBaker, "bake", lambda *_, **__: None)
-    mesh = add_glow("FLOAT", "EDGE")
+    mesh = show_attribute("FLOAT", "EDGE")
     mesh.attributes.remove(mesh.attributes["x"])
     mesh.attributes.new("x", "QUATERNION", "EDGE")
     glow, told = read_glow()

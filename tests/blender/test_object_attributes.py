@@ -5,34 +5,25 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_nodes import add_glow, render_from_above
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
 
 pytestmark = pytest.mark.usefixtures("empty_file")
 
 
-def make_tree(owner):
-    if owner.node_tree is None:  # Blender 4.5
-        owner.use_nodes = True
-    return owner.node_tree
-
-
-def add_glow(kind="OBJECT", name="x", output="Color", node_type="ShaderNodeAttribute"):
+def show_property(kind="OBJECT", name="x", output="Color", node_type="ShaderNodeAttribute"):
     """A square that shines with what the node gives."""
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
     obj = bpy.data.objects.new("Square", mesh)
     bpy.context.scene.collection.objects.link(obj)
-    material = bpy.data.materials.new("Glow")
-    tree = make_tree(material)
-    tree.nodes.clear()
-    end, glow, node = (tree.nodes.new(name) for name in ("ShaderNodeOutputMaterial", "ShaderNodeEmission", node_type))
+    tree, color = add_glow(mesh)
+    node = tree.nodes.new(node_type)
     if node_type == "ShaderNodeAttribute":
         node.attribute_type, node.attribute_name = kind, name
     source = node.outputs[2] if output == "Fac" else node.outputs[output]  # its name differs between versions
-    tree.links.new(source, glow.inputs["Color"])
-    tree.links.new(glow.outputs[0], end.inputs["Surface"])
-    mesh.materials.append(material)
+    tree.links.new(source, color)
     return obj
 
 
@@ -57,17 +48,7 @@ def read_glow():
 
 def render_glow(folder):
     """What Cycles shows."""
-    scene = bpy.context.scene
-    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
-    scene.render.resolution_x = scene.render.resolution_y = 4
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    camera.location = (0.0, 0.0, 0.5)
-    scene.collection.objects.link(camera)
-    scene.camera, scene.view_settings.view_transform = camera, "Raw"
-    scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
-    scene.render.filepath = str(folder / "render.exr")
-    bpy.ops.render.render(write_still=True)
-    return bpy.data.images.load(scene.render.filepath).pixels[:3]
+    return render_from_above(folder, 4)[0, 0]
 
 
 BLUE = (0.2, 0.5, 0.8, 0.25)
@@ -88,7 +69,7 @@ BLUE = (0.2, 0.5, 0.8, 0.25)
     ],
 )
 def test_numbers_are_shown_as_cycles_shows_them(value, output, expected, tmp_path):
-    add_glow(output=output)["x"] = value
+    show_property(output=output)["x"] = value
     glow, told = read_glow()
     assert glow["Square"] == pytest.approx(expected, rel=1e-6)
     assert told == ""
@@ -97,7 +78,7 @@ def test_numbers_are_shown_as_cycles_shows_them(value, output, expected, tmp_pat
 
 @pytest.mark.parametrize("name", ["x", "y", "nothing", "location[1]"])
 def test_where_there_is_no_number_it_is_black(name, tmp_path):
-    obj = add_glow(name=name)
+    obj = show_property(name=name)
     obj["x"], obj["y"], obj.location = "a word", (0.1, 0.2, 0.3, 0.4, 0.5), (0.0, 0.1, 0.0)
     glow, told = read_glow()
     assert glow["Square"] == [0.0, 0.0, 0.0]
@@ -107,7 +88,7 @@ def test_where_there_is_no_number_it_is_black(name, tmp_path):
 
 @pytest.mark.parametrize(("name", "expected"), [("color", BLUE[:3]), ('["x"]', (0.3,) * 3), ("pass_index", (3.0,) * 3), ("y", (0.4,) * 3)])
 def test_blenders_own_properties_are_found_by_their_path_and_the_meshs_too(name, expected, tmp_path):
-    obj = add_glow(name=name)
+    obj = show_property(name=name)
     obj.color, obj["x"], obj.pass_index, obj.data["y"], obj.data["x"] = BLUE, 0.3, 3, 0.4, 0.9
     assert read_glow()[0]["Square"] == pytest.approx(expected, rel=1e-6)
     assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)
@@ -118,7 +99,7 @@ def test_blenders_own_properties_are_found_by_their_path_and_the_meshs_too(name,
     [("OBJECT", 0.3, 0.7, 0.3), ("OBJECT", None, 0.7, 0.0), ("INSTANCER", 0.3, 0.7, 0.7), ("INSTANCER", 0.3, None, 0.3)],
 )
 def test_an_instance_may_ask_what_makes_it(kind, own, holders, expected, tmp_path):
-    obj = add_glow(kind)
+    obj = show_property(kind)
     holder = instance(obj)
     for block, value in ((obj, own), (holder, holders)):
         if value is not None:
@@ -129,7 +110,7 @@ def test_an_instance_may_ask_what_makes_it(kind, own, holders, expected, tmp_pat
 
 @pytest.mark.parametrize(("is_instance", "expected"), [(False, BLUE[:3]), (True, (0.9, 0.1, 0.1))])
 def test_the_colour_of_object_info_is_the_viewports(is_instance, expected, tmp_path):
-    obj = add_glow(node_type="ShaderNodeObjectInfo")
+    obj = show_property(node_type="ShaderNodeObjectInfo")
     obj.color = BLUE
     if is_instance:
         instance(obj).color = (0.9, 0.1, 0.1, 1.0)
@@ -139,7 +120,7 @@ def test_the_colour_of_object_info_is_the_viewports(is_instance, expected, tmp_p
 
 
 def test_what_geometry_nodes_may_give_their_instances_is_grey_and_named():
-    obj = add_glow("INSTANCER")
+    obj = show_property("INSTANCER")
     group = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     kinds = ("NodeGroupOutput", "GeometryNodeMeshLine", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints")
@@ -157,7 +138,7 @@ def test_what_geometry_nodes_may_give_their_instances_is_grey_and_named():
 
 
 def test_objects_of_one_mesh_and_material_differ():
-    obj = add_glow()
+    obj = show_property()
     obj["x"] = 0.3
     for number in (1, 2):
         twin = obj.copy()
@@ -170,7 +151,7 @@ def test_objects_of_one_mesh_and_material_differ():
 
 @pytest.mark.parametrize("is_instance", [False, True])
 def test_the_random_number_of_object_info_is_cycles_own(is_instance, tmp_path):
-    obj = add_glow(node_type="ShaderNodeObjectInfo", output="Random")
+    obj = show_property(node_type="ShaderNodeObjectInfo", output="Random")
     obj.name = "Chair"
     if is_instance:
         instance(obj)
@@ -180,14 +161,14 @@ def test_the_random_number_of_object_info_is_cycles_own(is_instance, tmp_path):
 
 
 def test_instances_have_random_numbers_of_their_own():
-    first = instance(add_glow(node_type="ShaderNodeObjectInfo", output="Random"))
+    first = instance(show_property(node_type="ShaderNodeObjectInfo", output="Random"))
     second = first.copy()
     bpy.context.scene.collection.objects.link(second)
     assert len({tuple(glow) for glow in read_glow()[0].values()}) == 2
 
 
 def test_a_property_may_be_the_view_layers(tmp_path):
-    add_glow("VIEW_LAYER")
+    show_property("VIEW_LAYER")
     bpy.context.view_layer["x"] = BLUE
     glow, told = read_glow()
     assert (glow["Square"], told) == (pytest.approx(BLUE[:3], rel=1e-6), "")
@@ -198,7 +179,7 @@ def test_a_property_may_be_the_view_layers(tmp_path):
     ("layer", "scene", "world", "expected"), [(0.3, 0.4, 0.5, 0.3), (None, 0.4, 0.5, 0.4), (None, None, 0.5, 0.5), (None, None, None, 0.0)]
 )
 def test_the_view_layer_is_asked_first_then_the_scene_then_its_world(layer, scene, world, expected, tmp_path):
-    obj = add_glow("VIEW_LAYER")
+    obj = show_property("VIEW_LAYER")
     obj["x"] = 0.9
     bpy.context.scene.world = bpy.data.worlds.new("World")
     for block, value in ((bpy.context.view_layer, layer), (bpy.context.scene, scene), (bpy.context.scene.world, world)):
@@ -214,7 +195,7 @@ def test_the_view_layer_is_asked_first_then_the_scene_then_its_world(layer, scen
     ("name", "expected"), [("frame_current", (7.0,) * 3), ("world.color", BLUE[:3]), ("camera.location", (0.0, 0.0, 0.5))]
 )
 def test_the_scenes_own_properties_are_found_by_their_path(name, expected, tmp_path):
-    add_glow("VIEW_LAYER", name)
+    show_property("VIEW_LAYER", name)
     scene = bpy.context.scene
     scene.frame_current, scene.world = 7, bpy.data.worlds.new("World")
     scene.world.color = BLUE[:3]
@@ -225,13 +206,15 @@ def test_the_scenes_own_properties_are_found_by_their_path(name, expected, tmp_p
 def test_a_worlds_nodes_may_ask_the_view_layer(tmp_path):
     scene = bpy.context.scene
     scene.world, scene["x"] = bpy.data.worlds.new("World"), BLUE
-    tree = make_tree(scene.world)
+    if scene.world.node_tree is None:  # Blender 4.5
+        scene.world.use_nodes = True
+    tree = scene.world.node_tree
     tree.nodes.clear()
     end, glow, node = (tree.nodes.new(name) for name in ("ShaderNodeOutputWorld", "ShaderNodeBackground", "ShaderNodeAttribute"))
     node.attribute_type, node.attribute_name = "VIEW_LAYER", "x"
     tree.links.new(node.outputs["Color"], glow.inputs["Color"])
     tree.links.new(glow.outputs[0], end.inputs["Surface"])
-    add_glow().location.z = -5.0
+    show_property().location.z = -5.0
     snapshot = export_scene(bpy.context).snapshot
     assert snapshot.world_rgb == pytest.approx(BLUE[:3], rel=1e-6)
     bpy.data.objects["Square"].hide_render = True

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material
+from blend_nodes import add_glow, bake_emission
 from leaflight.addon.nodes.images_read import ImageTable
 from leaflight.addon.nodes.srgb_filtering import refine_srgb
 from leaflight.addon.read.export_scene import export_scene
@@ -35,36 +35,23 @@ def show_image(width=5, height=3, space="sRGB", floating=False, is_packed=True, 
     if is_packed:
         image.pack()
     image.alpha_mode = alpha_mode
-    material = make_material("Glow")
-    bpy.context.object.data.materials.append(material)
-    tree = material.node_tree
-    tree.nodes.clear()
-    output, emission, texture = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("OutputMaterial", "Emission", "TexImage"))
+    tree, color = add_glow(bpy.context.object.data)
+    texture = tree.nodes.new("ShaderNodeTexImage")
     texture.image = image
     for name, value in looks.items():
         setattr(texture, name, value)
-    tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+    tree.links.new(texture.outputs["Color"], color)
     if uses_alpha:
-        tree.links.new(texture.outputs["Alpha"], emission.inputs["Strength"])
-    tree.links.new(emission.outputs[0], output.inputs["Surface"])
+        tree.links.new(texture.outputs["Alpha"], color.node.inputs["Strength"])
     return texture
 
 
-def bake_emission(tree):
-    """(SIDE, SIDE, 3): the plane's, at the middles of texels."""
-    bpy.context.object.data.uv_layers.new(name="Page").uv.foreach_set("vector", np.float32([0, 0, 1, 0, 1, 1, 0, 1]))
-    bpy.context.object.data.uv_layers["Page"].active = True
-    target = tree.nodes.new("ShaderNodeTexImage")
-    target.image = bpy.data.images.new("Target", SIDE, SIDE, float_buffer=True, is_data=True)
-    for node in tree.nodes:
-        node.select = node == target
-    tree.nodes.active = target
-    bpy.context.scene.render.engine = "CYCLES"
-    bpy.context.scene.cycles.samples = 1
-    bpy.ops.object.bake(type="EMIT", margin=0)
-    pixels = np.empty((SIDE, SIDE, 4), np.float32)
-    target.image.pixels.foreach_get(pixels.ravel())
-    return pixels[..., :3]
+def bake_page(tree):
+    """(SIDE, SIDE, 3): the plane's emission by Cycles, at the middles of texels."""
+    layers = bpy.context.object.data.uv_layers
+    layers.new(name="Page").uv.foreach_set("vector", np.float32([0, 0, 1, 0, 1, 1, 0, 1]))
+    layers["Page"].active = True
+    return bake_emission(bpy.context.object, tree, SIDE)[..., :3]
 
 
 @pytest.mark.parametrize(
@@ -95,7 +82,7 @@ def test_light_between_pixels_is_that_of_cycles(image):
     scene = export_scene(bpy.context).snapshot
     place = 1.5 * (np.mgrid[0:SIDE, 0:SIDE] + 0.5) / SIDE
     found = sample_texture(scene.images[scene.materials[0].emission_image], place[::-1].reshape(2, -1).T).reshape(SIDE, SIDE, 3)
-    off = np.abs(found - bake_emission(texture.id_data))
+    off = np.abs(found - bake_page(texture.id_data))
     assert np.quantile(off, 0.98) < 0.01  # 0.3 where light is interpolated; beside that, on the edges of pixels
 
 
@@ -112,7 +99,7 @@ def test_an_image_that_gains_nothing_stays_as_it_is():
 @pytest.mark.parametrize("most", [4096, 256])
 def test_a_large_image_has_the_mean_light_of_cycles(most):
     texture = show_image(600, 600)
-    pixels = np.float32(bake_emission(texture.id_data))  # 9 of its texels in one
+    pixels = np.float32(bake_page(texture.id_data))  # 9 of its texels in one
     table = ImageTable(most)
     table.read(texture.image, 0)
     shown = table.images[table.index(texture.image, 0, "REPEAT", False)].pixels

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material
+from blend_nodes import add_glow, bake_emission
 from leaflight.addon.read.export_scene import export_scene
 
 SIDE = 64  # of what Cycles bakes
@@ -13,7 +13,7 @@ PICTURE = 8
 
 
 def make_stage(kind):
-    """A turned, moved and stretched block, or its mirror image, with a lightmap layer of its own; gives object and material."""
+    """A turned, moved and stretched block, or its mirror image, with a lightmap layer of its own; gives the object."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.mesh.primitive_cube_add(size=2.0, location=(0.3, -0.4, 0.7), rotation=(0.2, 0.5, 0.1))
     obj = bpy.context.object
@@ -21,20 +21,18 @@ def make_stage(kind):
     if kind == "deformed":
         modifier = obj.modifiers.new("Bend", "SIMPLE_DEFORM")
         modifier.deform_method, modifier.factor = "TAPER", 0.5
-    material = make_material("Paint")
-    material.node_tree.nodes.clear()
-    obj.data.materials.append(material)
-    return obj, material.node_tree
+    return obj
 
 
-def add_image(tree, source, projection):
-    """An emitting material that shows an image, mapped by an output of a Texture Coordinate or a Geometry node through a Mapping node."""
+def show_image(obj, source, projection):
+    """The tree of a glow that shows an image, mapped by an output of a Texture Coordinate or a Geometry node through a Mapping node."""
     image = bpy.data.images.new("Picture", PICTURE, PICTURE, float_buffer=True)
     image.pixels.foreach_set(np.random.default_rng(1).random(PICTURE * PICTURE * 4).astype(np.float32))
     image.alpha_mode = "NONE"
     image.pack()
-    kinds = ("TexCoord", "NewGeometry", "Mapping", "TexImage", "Emission", "OutputMaterial")
-    coordinate, geometry, mapping, texture, emission, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
+    tree, color = add_glow(obj.data)
+    kinds = ("TexCoord", "NewGeometry", "Mapping", "TexImage")
+    coordinate, geometry, mapping, texture = (tree.nodes.new(f"ShaderNode{kind}") for kind in kinds)
     texture.image, texture.projection, texture.interpolation = image, projection, "Closest"
     mapping.inputs["Location"].default_value, mapping.inputs["Scale"].default_value = (0.3, 0.2, -0.1), (0.4, 0.7, 0.5)
     mapping.inputs["Rotation"].default_value = (0.1, 0.2, 0.3)
@@ -44,37 +42,20 @@ def add_image(tree, source, projection):
     socket = geometry.outputs["Position"] if source == "Position" else coordinate.outputs["Object" if source == "Other" else source]
     tree.links.new(socket, mapping.inputs["Vector"])
     tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
-    tree.links.new(texture.outputs[0], emission.inputs["Color"])
-    tree.links.new(emission.outputs[0], output.inputs["Surface"])
-
-
-def bake(obj, tree):
-    """(SIDE, SIDE, 4) emission by Cycles, on the object's own layer."""
-    target = bpy.data.images.new("Target", SIDE, SIDE, float_buffer=True, alpha=True)
-    target.colorspace_settings.name = "Linear Rec.709"
-    node = tree.nodes.new("ShaderNodeTexImage")
-    node.image, node.select, tree.nodes.active = target, True, node
-    for other in bpy.context.view_layer.objects:
-        other.select_set(other == obj)
-    bpy.context.view_layer.objects.active = obj
-    bpy.context.scene.render.engine = "CYCLES"
-    bpy.context.scene.cycles.samples = 1
-    bpy.ops.object.bake(type="EMIT", margin=0)
-    pixels = np.empty((SIDE, SIDE, 4), np.float32)
-    target.pixels.foreach_get(pixels.ravel())
-    return pixels
+    tree.links.new(texture.outputs[0], color)
+    return tree
 
 
 @pytest.mark.parametrize("kind", ["plain", "mirrored", "deformed"])
 @pytest.mark.parametrize("projection", ["FLAT", "BOX"])
 @pytest.mark.parametrize("source", ["Object", "Generated", "Position", "Other", "UV"])
 def test_positions_map_an_image_as_in_cycles(source, projection, kind):
-    obj, tree = make_stage(kind)
-    add_image(tree, source, projection)
+    obj = make_stage(kind)
+    tree = show_image(obj, source, projection)
     result = export_scene(bpy.context, uv_layer="UVMap")
     assert not [text for _, text in result.warnings if "simplified" in text]
     scene = result.snapshot
-    expected = bake(obj, tree)
+    expected = bake_emission(obj, tree, SIDE)
     found = np.zeros((SIDE, SIDE, 3))
     centre = (np.arange(SIDE) + 0.5) / SIDE
     place = np.stack(np.meshgrid(centre, centre), axis=-1)
