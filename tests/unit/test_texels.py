@@ -107,6 +107,15 @@ def test_needle_keeps_its_area(width: float) -> None:
     assert np.isfinite(texels.part_moments).all()
 
 
+def test_a_texel_without_a_centre_is_read_where_most_of_its_surface_lies() -> None:
+    """Less of the texel, but more of the world."""
+    uv = 1.0 + np.array([[[0.0, 0.0], [0.3, 0.0], [0.0, 0.3]], [[1.0, 1.0], [0.6, 1.0], [1.0, 0.6]]])
+    position = np.concatenate([uv * np.array([[[10.0]], [[1.0]]]), np.zeros((2, 3, 1))], axis=2)
+    for order in ([0, 1], [1, 0]):
+        texels = make_map(uv[order], position=position[order])
+        assert [order[tri] for tri in texels.texel_tri] == [0]
+
+
 def test_triangles_without_texels() -> None:
     """No chart, no area in UV, no area in the world: nothing of them is in the map, and hits on them find nothing."""
     good = [[1.0, 1.0], [5.0, 1.0], [1.0, 5.0]]

@@ -1,8 +1,8 @@
-"""Sides of triangles that are one edge, and sets that hang together."""
+"""Sides of triangles that are one edge, and what hangs together by them, whatever vertices a file has."""
 
 import numpy as np
 import pytest
-from leaflight.core.scene.topology import find_groups_with_twins, join_open_sides, join_sets, pair_sides
+from leaflight.core.scene.topology import find_groups_with_twins, find_loose_parts, join_open_sides, join_sets, pair_sides
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
 RNG = np.random.default_rng(7)
@@ -27,36 +27,65 @@ def test_sides_are_paired_within_their_group():
     assert len(expected) == len(one) == 3  # the diagonals
     assert (vertex[ends[0]] < vertex[ends[1]]).all()
     assert [frozenset(vertex[ends[:, side]]) for side in range(24)] == sides
+    assert not len(pair_sides(np.array([[0, 1, 2], [1, 2, 3]]), np.array([0, 1]))[1])
 
 
-def joined(*meshes):
-    """How many vertices the triangles of each mesh have left, and where these lie."""
+def parts_of(*meshes):
+    """The loose part of each triangle, and how many vertices their triangles have once open sides are joined."""
     scene = make_scene(meshes)
     vertex = join_open_sides(scene.vertex_position, scene.tri_vertex, scene.tri_object)
     np.testing.assert_array_equal(scene.vertex_position[vertex], scene.tri_position)
-    return [len(np.unique(vertex[scene.tri_object == i])) for i in range(len(meshes))]
+    return find_loose_parts(scene, np.arange(scene.n_tri)).tolist(), len(np.unique(vertex))
 
 
 @pytest.mark.parametrize("mesh", [box_mesh(), sphere_mesh(), grid_mesh(noise=0.3), moved(box_mesh(), (1e3, -7.1, 0.3), 0.1)])
-def test_vertices_that_a_file_holds_for_each_face_are_one(mesh):
+def test_a_surface_is_one_part_also_with_vertices_for_each_face(mesh):
     count = len(np.unique(np.concatenate([np.asarray(polygon) for polygon in mesh.polygons])))
-    assert joined(mesh, split_faces(mesh)) == [count] * 2
+    for one in (mesh, split_faces(mesh)):
+        part, left = parts_of(one)
+        assert (set(part), left) == ({0}, count)
 
 
-def test_what_is_whole_is_given_back_as_it_is():
-    scene = make_scene([grid_mesh(), moved(grid_mesh(), (1, 0, 0)), join_meshes("Tower", box_mesh(), moved(box_mesh(), (0, 0, 1)))])
-    np.testing.assert_array_equal(join_open_sides(scene.vertex_position, scene.tri_vertex, scene.tri_object), scene.tri_vertex)
-    assert join_open_sides(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0, np.int32)).shape == (0, 3)
+def test_joined_things_are_parts_and_each_is_told_by_its_first_triangle():
+    things = quad_mesh(), moved(box_mesh(), (0.5, 0.5, 0.5)), moved(box_mesh(), (0.3, 0.2, 1.5))
+    assert parts_of(join_meshes("House", *things)) == ([0] * 2 + [2] * 12 + [14] * 12, 20)
 
 
-def test_vertices_are_joined_where_sides_meet_alone():
-    """Quads that touch at a corner or along half of an edge stay apart, those side by side share two vertices, whatever sign zeros have."""
-    assert joined(join_meshes("Quads", quad_mesh(), moved(quad_mesh(), (1, 1, 0)), moved(quad_mesh(), (-1, -0.5, 0)))) == [12]
+def test_boxes_of_one_size_on_each_other_stay_apart():
+    """Their edges lie at one place, but each has its own other face there."""
+    assert parts_of(join_meshes("Tower", box_mesh(), moved(box_mesh(), (0, 0, 1)))) == ([0] * 12 + [12] * 12, 16)
+
+
+def test_only_whole_sides_join():
+    """The next quad touches this one at a corner, the last one along half of an edge; zeros may have any sign."""
+    quads = quad_mesh(), moved(quad_mesh(), (1, 1, 0)), moved(quad_mesh(), (-1, -0.5, 0))
+    assert parts_of(join_meshes("Quads", *quads)) == ([0, 0, 2, 2, 4, 4], 12)
+    fan = Mesh("Fan", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], float), [[0, 1, 2], [0, 3, 4]])
+    assert parts_of(fan) == ([0, 1], 5)
     one, other = quad_mesh(), moved(quad_mesh(), (-1, 0, 0))
     other.vertex[other.vertex == 0] = -0.0
-    assert joined(join_meshes("Quads", one, other)) == [6]
-    back = Mesh("Back", quad_mesh().vertex, [quad_mesh().polygons[0][::-1]])
-    assert joined(join_meshes("Card", quad_mesh(), back)) == [4]
+    assert parts_of(join_meshes("Quads", one, other)) == ([0] * 4, 6)
+    assert parts_of(join_meshes("Card", quad_mesh(), Mesh("Back", quad_mesh().vertex, [quad_mesh().polygons[0][::-1]]))) == ([0] * 4, 4)
+
+
+def test_three_faces_at_an_edge_are_one_part():
+    vertex = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1]], float)
+    assert parts_of(split_faces(Mesh("Fin", vertex, [[0, 1, 2], [1, 0, 3], [0, 1, 4]]))) == ([0] * 3, 5)
+
+
+def test_what_was_split_off_an_edge_within_a_surface_is_a_part():
+    """Its side lies where two others do that have each other."""
+    floor = grid_mesh(cells=2)
+    fin = Mesh("Fin", np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]], float), [[0, 1, 2, 3]])
+    assert parts_of(join_meshes("Floor", floor, fin)) == ([0] * 8 + [8] * 2, 13)
+
+
+def test_objects_at_one_place_are_apart_and_a_part_of_the_triangles_may_be_asked():
+    scene = make_scene([box_mesh(), box_mesh()])
+    assert parts_of(box_mesh(), box_mesh()) == ([0] * 12 + [12] * 12, 16)
+    assert find_loose_parts(scene, np.arange(12, 24)).tolist() == [0] * 12
+    assert find_loose_parts(scene, np.arange(0)).tolist() == []
+    assert parts_of(quad_mesh(), quad_mesh())[0] == [0, 0, 2, 2]  # whose sides no other face has
 
 
 def test_groups_with_two_vertices_at_a_place_are_found():
