@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
-from leaflight.core.integrate.direct import DirectScene
+import pytest
+from leaflight.core.integrate.direct import DirectLight, DirectScene, direct_irradiance
 from leaflight.core.lights.emitters import EmittingMeshes, build_emitters
 from leaflight.core.lights.lights import Emitter
 from leaflight.core.scene.materials import SurfaceMaterials
@@ -142,3 +144,24 @@ def trace_first(scene: SceneSnapshot, n_photon: int) -> tuple[ShardHits, np.ndar
     (hits,) = photons.trace_shard(trace, n_photon, 1.0, np.random.default_rng(5), max_depth=1, skip_first=False)
     corner, u, v = scene.tri_position[hits.tri], hits.u[:, None], hits.v[:, None]
     return hits, corner[:, 0] * (1 - u - v) + corner[:, 1] * u + corner[:, 2] * v
+
+
+def light_floor(scene: SceneSnapshot, side: int, seed: int = 1, **options: Any) -> DirectLight:
+    """Direct light of the floor's side * side texels, in Morton order."""
+    return direct_irradiance(prepare(scene)[0], floor_footprints(side), np.arange(side * side), np.random.default_rng(seed), **options)
+
+
+def assert_photons_agree(scene: SceneSnapshot, light: DirectLight, side: int, n_test: int, parts: int = 8, n_photon: int = 300_000) -> None:
+    """Photons bring what light_floor found, over parts * parts squares of the floor, within their Poisson noise and 2 % of the brightest.
+
+    n_test   how many such tests share ALPHA
+    """
+    hits, place = trace_first(scene, n_photon)
+    on_floor = hits.tri < 2
+    part = np.minimum((place[on_floor, :2] * parts).astype(int), parts - 1) @ [1, parts]
+    flux = hits.flux_rgb[:, on_floor].astype(float)
+    sums = np.array([[np.bincount(part, channel**power, parts**2) for channel in flux] for power in (1, 2)]).transpose(0, 2, 1)
+    counted, noise = parts**2 * sums[0], parts**2 * np.sqrt(sums[1])
+    found = to_grid(light.irradiance_rgb, side).reshape(parts, side // parts, parts, -1, 3).mean(axis=(1, 3)).reshape(-1, 3)
+    assert (np.abs(counted - found) < sigma_limit(parts**2 * n_test) * noise + 0.02 * found.max()).all()
+    assert counted.mean(axis=0) == pytest.approx(found.mean(axis=0), rel=0.01)

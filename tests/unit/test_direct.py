@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_footprints, lit_scene, morton_square, prepare, sigma_limit, to_grid, trace_first
+from floors import assert_photons_agree, floor_footprints, floor_tiles, light_floor, lit_scene, morton_square, prepare, to_grid, trace_first
 from leaflight.core.integrate import direct
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.lights.irradiance import polygon_irradiance
@@ -20,11 +20,6 @@ BLOCK = box_mesh("Block", (0.3, 0.3, 0.2), (0.5, 0.5, 0.4))
 PANEL = Light("AREA", "Panel", position_m=(0.5, 0.5, 1.0), size_m=(0.4, 0.4), power_rgb=(2.0, 1.0, 0.0))
 BULB = Light("POINT", "Bulb", position_m=(0.4, 0.6, 0.8), power_rgb=(4.0, 2.0, 0.0))
 SUN = Light("SUN", "Sun", power_rgb=(3.0, 2.0, 0.0))
-
-
-def light_floor(scene: SceneSnapshot, side: int = SIDE, seed: int = 1, **options: float) -> DirectLight:
-    prepared, _, _ = prepare(scene)
-    return direct_irradiance(prepared, floor_footprints(side), np.arange(side * side), np.random.default_rng(seed), **options)
 
 
 def red(light: DirectLight, side: int = SIDE) -> np.ndarray:
@@ -42,7 +37,7 @@ def from_panel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 class TestShadows:
     def test_sun_under_a_block(self):
         """Shadow from 0.35 to 0.65 m: its edges cut texels at 0.2 and 0.8 of their width, which the sub-points find."""
-        found = red(light_floor(lit_scene([BLOCK], [SUN]))) / 3
+        found = red(light_floor(lit_scene([BLOCK], [SUN]), SIDE)) / 3
         inside = np.clip(np.minimum(PLACE + 0.5 / SIDE, 0.65) - np.maximum(PLACE - 0.5 / SIDE, 0.35), 0, None) * SIDE
         expected = 1 - inside[None, :] * inside[:, None]
         assert found == pytest.approx(expected, abs=0.05)
@@ -51,28 +46,28 @@ class TestShadows:
     @pytest.mark.parametrize("light", [SUN, BULB, PANEL, replace(BULB, radius_m=0.05, soft_falloff=False)])
     def test_under_a_roof_it_is_dark(self, light):
         roof = moved(quad_mesh("Roof", 20, 20), (-9.5, -9.5, 0.1))
-        assert not light_floor(lit_scene([roof], [light])).irradiance_rgb.any()
+        assert not light_floor(lit_scene([roof], [light]), SIDE).irradiance_rgb.any()
 
     def test_sky_beside_a_wall(self):
         """At the foot of a wide high wall half of the sky is left."""
         wall = box_mesh("Wall", (0.02, 400, 200), (-0.01, 0, 100))
-        found = red(light_floor(replace(lit_scene([wall]), world_rgb=(1.0, 1.0, 1.0))))
+        found = red(light_floor(replace(lit_scene([wall]), world_rgb=(1.0, 1.0, 1.0)), SIDE))
         assert found.mean() == pytest.approx(math.pi / 2, rel=0.01)
 
     def test_a_panel_in_the_plane_of_the_ceiling(self):
         ceiling = moved(quad_mesh("Ceiling", 3, 3), (-1, -1, 1.0))
-        found = red(light_floor(lit_scene([ceiling], [PANEL])))
+        found = red(light_floor(lit_scene([ceiling], [PANEL]), SIDE))
         assert found == pytest.approx(from_panel(*np.meshgrid(PLACE, PLACE)), rel=2e-3)
 
     def test_few_rays_where_they_agree(self):
-        found = light_floor(lit_scene([box_mesh("Block", (0.1, 0.1, 0.02), (0.1, 0.1, 0.05))], [PANEL]), side=64)
+        found = light_floor(lit_scene([box_mesh("Block", (0.1, 0.1, 0.02), (0.1, 0.1, 0.05))], [PANEL]), 64)
         assert found.counters["pairs"] == 64 * 64
         assert found.counters["settled"] > 0.8 * 64 * 64
         assert found.counters["rays"] < 12 * 64 * 64
 
     def test_the_limit_of_rays_holds(self):
         for limit in (4, 16, 64):
-            found = light_floor(lit_scene([BLOCK], [PANEL]), max_rays=limit, tolerance=0.0)
+            found = light_floor(lit_scene([BLOCK], [PANEL]), SIDE, max_rays=limit, tolerance=0.0)
             assert found.counters["rays"] <= limit * SIDE**2
 
 
@@ -83,14 +78,14 @@ class TestSides:
         return replace(scene, objects=(replace(scene.objects[0], two_sided=two_sided),))
 
     def test_only_the_front_is_lit(self):
-        found = light_floor(self.facing_down(False))
+        found = light_floor(self.facing_down(False), SIDE)
         assert red(found) == pytest.approx(1, rel=1e-6)
         assert found.counters["out_of_reach"] == SIDE**2
 
     def test_two_sided_objects_sum_both(self):
         square = (PLACE[None, :] - 0.4) ** 2 + (PLACE[:, None] - 0.6) ** 2 + 0.64
         expected = 1 + 4 / (4 * math.pi) * 0.8 / square**1.5
-        assert red(light_floor(self.facing_down(True))) == pytest.approx(expected, rel=2e-3)
+        assert red(light_floor(self.facing_down(True), SIDE)) == pytest.approx(expected, rel=2e-3)
 
 
 SECOND_OPINIONS = {
@@ -112,26 +107,44 @@ SECOND_OPINIONS = {
 }
 
 
+# Nearer to a surface than their own radius; Cycles gives the same.
+WALL = box_mesh("Wall", (0.2, 3.0, 3.0), (0.36, 0.5, 1.3))  # its face is 4 cm from the lamp's middle
+DISK = Light("POINT", "Lamp", (0.5, 0.5, 0.04), power_rgb=(10.0, 10.0, 10.0), radius_m=0.2)
+SPHERE = replace(DISK, soft_falloff=False)
+NEAR_SURFACES = {
+    "a disk through the floor": lit_scene([], [DISK]),
+    "a disk near the floor": lit_scene([], [replace(DISK, position_m=(0.5, 0.5, 0.25))]),
+    "a disk through a wall": lit_scene([WALL], [replace(DISK, position_m=(0.5, 0.5, 0.5))]),
+    "a sphere through the floor": lit_scene([], [SPHERE]),
+    "a sphere near the floor": lit_scene([], [replace(SPHERE, position_m=(0.5, 0.5, 0.25))]),
+    "a sphere through a wall": lit_scene([WALL], [replace(SPHERE, position_m=(0.5, 0.5, 0.5))]),
+    "a disk without shadow": lit_scene([], [replace(DISK, casts_shadow=False)]),
+}
+N_OPINION = len(SECOND_OPINIONS) + len(NEAR_SURFACES)
+
+
 @pytest.mark.parametrize("name", SECOND_OPINIONS)
 def test_photons_say_the_same(name):
-    """Over the 8 x 8 parts of the floor, within the photons' Poisson noise and 2 % of our own."""
     scene = SECOND_OPINIONS[name]
-    hits, place = trace_first(scene, 300_000)
-    on_floor = hits.tri < 2
-    place = place[on_floor]
-    flux = hits.flux_rgb[0, on_floor].astype(float)
-    shape = {"bins": 8, "range": [[0, 1], [0, 1]]}
-    counted = np.histogram2d(place[:, 1], place[:, 0], weights=flux, **shape)[0] * 64
-    spread = np.sqrt(np.histogram2d(place[:, 1], place[:, 0], weights=flux**2, **shape)[0]) * 64
-    found = red(light_floor(scene)).reshape(8, 4, 8, 4).mean(axis=(1, 3))
-    limit = sigma_limit(64 * len(SECOND_OPINIONS))
-    assert (np.abs(counted - found) < limit * spread + 0.02 * found.max()).all()
-    assert counted.mean() == pytest.approx(found.mean(), rel=0.01)
+    assert_photons_agree(scene, light_floor(scene, SIDE), SIDE, N_OPINION)
+
+
+@pytest.mark.parametrize("name", NEAR_SURFACES)
+def test_photons_say_the_same_near_surfaces(name):
+    scene = NEAR_SURFACES[name]
+    light = light_floor(scene, SIDE, tolerance=0.002, tiles=floor_tiles(SIDE))
+    assert_photons_agree(scene, light, SIDE, N_OPINION, parts=4, n_photon=150_000)
+
+
+def test_a_lamp_in_the_open_needs_no_more_rays():
+    """Only a lamp that a surface cuts into pays for the look behind its photons."""
+    few, many = (replace(DISK, position_m=(0.5, 0.5, 0.5), radius_m=radius_m) for radius_m in (0.0, 0.2))
+    assert len({trace_first(lit_scene([], [lamp]), 1000)[0].counters.rays for lamp in (few, many)}) == 1
 
 
 @pytest.mark.parametrize("light", [PANEL, replace(SUN, angle_rad=0.3), BULB])
 def test_errors_are_honest(light):
-    runs = [light_floor(lit_scene([BLOCK], [light]), seed=seed) for seed in range(12)]
+    runs = [light_floor(lit_scene([BLOCK], [light]), SIDE, seed=seed) for seed in range(12)]
     true = np.var([run.irradiance_rgb[:, 0] for run in runs], axis=0, ddof=1).mean()
     stated = np.mean([run.variance_rgb[:, 0].mean() for run in runs])
     assert 0.3 < true / stated < 1.8
@@ -140,7 +153,7 @@ def test_errors_are_honest(light):
 
 def test_the_same_numbers_from_the_same_stream():
     scene = replace(lit_scene([BLOCK], [PANEL, BULB]), world_rgb=(0.1, 0.1, 0.1))
-    first, again, other = (light_floor(scene, seed=seed) for seed in (3, 3, 4))
+    first, again, other = (light_floor(scene, SIDE, seed=seed) for seed in (3, 3, 4))
     assert np.array_equal(first.irradiance_rgb, again.irradiance_rgb)
     assert first.counters == again.counters
     assert not np.array_equal(first.irradiance_rgb, other.irradiance_rgb)
@@ -161,11 +174,11 @@ class TestBesideOtherLight:
 
     @pytest.mark.parametrize(("scene", "tolerance"), list(zip(scenes, (0.02, 0.08, 0.08), strict=True)))
     def test_fewer_rays_and_as_sure_as_the_sum_must_be(self, scene, tolerance):
-        runs = [light_floor(scene, seed=seed, tolerance=1e-4) for seed in range(4)]
+        runs = [light_floor(scene, SIDE, seed=seed, tolerance=1e-4) for seed in range(4)]
         truth = np.mean([red(run) for run in runs], axis=0)
         level = np.full(SIDE**2, 2.0 * truth.mean(), np.float32)
         alone, beside = (
-            [light_floor(scene, seed=seed, tolerance=tolerance, beside=other) for seed in range(10, 18)] for other in (None, level)
+            [light_floor(scene, SIDE, seed=seed, tolerance=tolerance, beside=other) for seed in range(10, 18)] for other in (None, level)
         )
         few, many = (np.mean([run.counters["rays"] for run in some]) for some in (beside, alone))
         assert few < 0.75 * many
@@ -174,7 +187,7 @@ class TestBesideOtherLight:
         assert np.mean([red(run).mean() for run in beside]) == pytest.approx(truth.mean(), rel=0.01)
 
     def test_none_of_it_changes_nothing(self):
-        none, dark = (light_floor(self.scenes[0], beside=other) for other in (None, np.zeros(SIDE**2, np.float32)))
+        none, dark = (light_floor(self.scenes[0], SIDE, beside=other) for other in (None, np.zeros(SIDE**2, np.float32)))
         np.testing.assert_array_equal(none.irradiance_rgb, dark.irradiance_rgb)
 
     @pytest.mark.parametrize("options", [{}, {"crossed": np.arange(SIDE**2) % 2 == 1}])
@@ -183,7 +196,7 @@ class TestBesideOtherLight:
         monkeypatch.setattr(direct, "MOST_TEXELS", 256)
         column = morton_square(SIDE)[0]
         bright = np.where(column < SIDE // 2, 1e3, 0.0).astype(np.float32)
-        runs = [light_floor(self.scenes[0], tolerance=1e-3, beside=other, **options) for other in (None, bright)]
+        runs = [light_floor(self.scenes[0], SIDE, tolerance=1e-3, beside=other, **options) for other in (None, bright)]
         alone, beside = (to_grid(run.variance_rgb[:, 0], SIDE) for run in runs)
         half = SIDE // 2
         assert beside[:, :half].mean() > 2.0 * alone[:, :half].mean()

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import chi_square_sigmas, floor_footprints, floor_tiles, lit_scene, prepare, sigma_limit, trace_first
-from leaflight.core.integrate.direct import direct_irradiance
+from floors import assert_photons_agree, chi_square_sigmas, floor_tiles, light_floor, lit_scene, sigma_limit, trace_first
+from leaflight.core.integrate.direct import DirectLight
 from leaflight.core.lights.emitters import NO_LIGHT
 from leaflight.core.lights.environment import Environment, EnvironmentTable
 from leaflight.core.scene.scene import SceneSnapshot
-from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.util.brightness import weigh_channels
 from leaflight.core.util.sampling import square_to_uniform_cone
 from leaflight.core.util.sphere_map import CellTable, find_cells, find_middles, find_solid_angles
@@ -47,11 +46,8 @@ def under(world_map: np.ndarray, *others) -> SceneSnapshot:
     return replace(lit_scene(others), world_map=world_map)
 
 
-def light_floor(scene: SceneSnapshot, seed: int = 1, **options: object) -> np.ndarray:
-    """(SIDE**2, 3): irradiance of the floor's texels in Morton order."""
-    looks, texel = floor_footprints(SIDE), np.arange(SIDE**2)
-    found = direct_irradiance(prepare(scene)[0], looks, texel, np.random.default_rng(seed), tiles=floor_tiles(SIDE), **options)
-    return found.irradiance_rgb
+def light_up(scene: SceneSnapshot) -> DirectLight:
+    return light_floor(scene, SIDE, tiles=floor_tiles(SIDE))
 
 
 class TestTable:
@@ -103,18 +99,18 @@ class TestShadowRayTable:
 class TestKnownSkies:
     def test_a_constant_map_is_a_uniform_sky(self):
         rgb = (1.0, 0.5, 0.25)
-        found = light_floor(under(make_map(16, 32, lambda d: np.broadcast_to(rgb, d.shape))))
+        found = light_up(under(make_map(16, 32, lambda d: np.broadcast_to(rgb, d.shape)))).irradiance_rgb
         np.testing.assert_allclose(found, math.pi * np.broadcast_to(rgb, found.shape), rtol=5e-3, atol=1e-12)
         assert found.mean(axis=0) == pytest.approx(math.pi * np.array(rgb), rel=1e-3)
 
     def test_brighter_overhead(self):
         """L = max(0, cos theta): the integral of cos^2 over the hemisphere is 2 pi / 3."""
-        found = light_floor(under(make_map(256, 512, lambda d: np.maximum(d[:, 2], 0))))
+        found = light_up(under(make_map(256, 512, lambda d: np.maximum(d[:, 2], 0)))).irradiance_rgb
         assert found.mean() == pytest.approx(2 * math.pi / 3, rel=1e-3)
         assert found == pytest.approx(2 * math.pi / 3, rel=0.01)
 
     def test_what_lies_below_the_horizon_lights_nothing_from_above(self):
-        assert light_floor(under(make_map(16, 32, lambda d: d[:, 2] < 0))).max() < 1e-3
+        assert light_up(under(make_map(16, 32, lambda d: d[:, 2] < 0))).irradiance_rgb.max() < 1e-3
 
     def test_a_black_map_is_no_light(self):
         with pytest.raises(ValueError, match=NO_LIGHT):
@@ -124,21 +120,11 @@ class TestKnownSkies:
         bad = np.ones((4, 8, 3), np.float32)
         bad[3] = (np.nan, np.inf, -1)
         good = np.where(np.arange(4)[:, None, None] == 3, np.float32(0), np.float32(1)) * np.ones((4, 8, 3), np.float32)
-        np.testing.assert_allclose(light_floor(under(bad)), light_floor(under(good)), rtol=0.02, atol=1e-12)
+        found, expected = (light_up(under(world)).irradiance_rgb for world in (bad, good))
+        np.testing.assert_allclose(found, expected, rtol=0.02, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(24, 50), (1, 1)])
 def test_photons_say_the_same(shape):
-    """Over the 8 x 8 parts of a floor with a block above it."""
     scene = under(bumpy(*shape), BLOCK)
-    hits, place = trace_first(scene, 400_000)
-    on_floor = hits.tri < 2
-    part = np.minimum((place[on_floor, :2] * 8).astype(int), 7) @ [1, 8]
-    flux = hits.flux_rgb[:, on_floor].T.astype(float)
-    by_photons = np.stack([np.bincount(part, channel, 64) for channel in flux.T], axis=1) * 64
-    x, y = part_bits(np.arange(SIDE**2))
-    own = (x * 8 // SIDE) + (y * 8 // SIDE) * 8
-    by_rays = np.stack([np.bincount(own, channel) for channel in light_floor(scene).T], axis=1) / (SIDE // 8) ** 2
-    noise = np.sqrt(64 * 64 * np.stack([np.bincount(part, channel**2, 64) for channel in flux.T], axis=1))
-    assert by_photons.mean(axis=0) == pytest.approx(by_rays.mean(axis=0), rel=0.01)
-    assert (np.abs(by_photons - by_rays) < 4.5 * noise + 0.03 * by_rays).all()
+    assert_photons_agree(scene, light_up(scene), SIDE, 2, n_photon=400_000)

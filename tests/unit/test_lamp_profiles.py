@@ -7,10 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import floor_footprints, floor_tiles, lit_scene, prepare, trace_first
-from leaflight.core.integrate.direct import direct_irradiance
+from floors import assert_photons_agree, floor_tiles, light_floor, lit_scene, to_grid
 from leaflight.core.scene.scene import Light, SceneSnapshot
-from leaflight.core.texels.texel_grid import part_bits
 from leaflight.core.util.sphere_map import find_middles, find_solid_angles
 
 SIDE, SHAPE, HEIGHT_M = 32, (128, 256), 0.8
@@ -38,12 +36,7 @@ def lamp_scene(values: np.ndarray, **options: object) -> SceneSnapshot:
 
 def by_rays(scene: SceneSnapshot) -> np.ndarray:
     """(SIDE, SIDE, 3)"""
-    looks, texel, rng = floor_footprints(SIDE), np.arange(SIDE**2), np.random.default_rng(1)
-    found = direct_irradiance(prepare(scene)[0], looks, texel, rng, tolerance=0.002, tiles=floor_tiles(SIDE)).irradiance_rgb
-    x, y = part_bits(texel)
-    image = np.empty((SIDE, SIDE, 3))
-    image[y, x] = found
-    return image
+    return to_grid(light_floor(scene, SIDE, tolerance=0.002, tiles=floor_tiles(SIDE)).irradiance_rgb, SIDE)
 
 
 def square_of_distance() -> np.ndarray:
@@ -76,11 +69,7 @@ def test_a_lamp_that_is_turned_turns_its_profile():
 @pytest.mark.parametrize("options", [{}, {"radius_m": 0.1}, {"radius_m": 0.1, "soft_falloff": False}], ids=["sharp", "soft", "sphere"])
 def test_photons_bring_what_shadow_rays_find(options):
     scene = lamp_scene(LOBED, rotation=((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)), **options)
-    hits, place = trace_first(scene, 300_000)
-    counted, _, _ = np.histogram2d(place[:, 1], place[:, 0], bins=4, range=[[0, 1], [0, 1]], weights=hits.flux_rgb[0].astype(float) * 16)
-    found = by_rays(scene)[..., 0].reshape(4, SIDE // 4, 4, -1).mean(axis=(1, 3))
-    assert counted.mean() == pytest.approx(found.mean(), rel=0.01)
-    assert counted == pytest.approx(found, rel=0.04, abs=0.02 * found.max())
+    assert_photons_agree(scene, light_floor(scene, SIDE, tolerance=0.002, tiles=floor_tiles(SIDE)), SIDE, 3, parts=4)
 
 
 def test_many_lamps_keep_their_profiles():
