@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,8 @@ def put_tables(text: str, tables: dict[str, Table]) -> str:
         marks = re.compile(rf"(<!-- table: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
         text = marks.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
     return text
+
+
+def fill_page(page: Path, tables: dict[str, Table]) -> None:
+    """put_tables, in a file."""
+    page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 from ablation_results import SceneTrials, Trial, tabulate_scenes, tabulate_worth
-from bench_zoo import QUICK, ROOT, list_subjects
+from bench_zoo import QUICK, ROOT, add_scene_options, list_subjects, run_scenes
 from image_io_path import add_image_io
 from leaflight.core.util.ablation import MECHANISMS
 from leaflight.core.util.threads import count_usable
-from tables import Table, put_tables
-from zoo_bakes import Bake, PageFullError, bake_leaflight
+from tables import Table, fill_page
+from zoo_bakes import Bake, bake_leaflight
 from zoo_reference import PageReference, Subject, find_reference
 
 # Without effect in the bakes that are made here: pages are smaller, and direct light comes by rays.
@@ -69,15 +68,9 @@ def judge(subject: Subject, made: Bake, reference: PageReference, whole: Bake | 
 
 
 def run_scene(subject: Subject, asked: Asked, mechanisms: Sequence[str]) -> SceneTrials:
-    """All bakes of a scene; on a larger page where its charts do not fit."""
+    """All bakes of a scene."""
     with ThreadPoolExecutor(asked.jobs) as pool:
-        begun = [pool.submit(bake, subject, asked, seed) for seed in asked.seeds]
-        try:
-            wholes = [one.result() for one in begun]
-        except PageFullError:
-            larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
-            larger.save()
-            return run_scene(larger, asked, mechanisms)
+        wholes = list(pool.map(lambda seed: bake(subject, asked, seed), asked.seeds))
         layout = "" if subject.uv_layer else wholes[0].layout
         reference = find_reference(subject, layout, QUICK.side, QUICK.reference_s, QUICK.noise)
         trials = SceneTrials(subject.name, subject.about, tuple(judge(subject, made, reference) for made in wholes))
@@ -106,23 +99,18 @@ def write_page(page: Path, scenes: Sequence[SceneTrials], mechanisms: Sequence[s
     """The tables of a run into their places in a page of docs/; scenes from files have places of their own."""
     tables = {"worth": tabulate_worth(scenes, mechanisms), "scenes": tabulate_scenes(scenes)}
     tables = {f"files {name}" if files else name: table for name, table in tables.items()} | {"names": describe_mechanisms()}
-    page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+    fill_page(page, tables)
 
 
 def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", nargs="+", type=int, help="scenes; without them the date decides")
-    parser.add_argument("--count", type=int, help="how many seeds are drawn where none are named")
-    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="its .blend files in place of seeds, each on a new UV layer")
+    add_scene_options(parser, "ablation.md")
     parser.add_argument("--mechanisms", nargs="+", metavar="NAME", type=read_names, help="only these; A+B are switched off together")
     parser.add_argument("--error", type=float, default=0.03, help="that every bake is asked for")
     parser.add_argument("--max-photons", type=int, default=32_000_000, help="after which a bake ends")
     parser.add_argument("--budget", type=float, default=300.0, help="seconds after which the best so far of a bake is taken")
     parser.add_argument("--jobs", type=int, default=1, help="bakes at once; errors are the same, and CPU seconds nearly so")
     parser.add_argument("--turns", type=int, default=2, help="bakes with everything, each with another seed, which tell the noise")
-    parser.add_argument("--max-size", type=int, default=QUICK.max_size, help="largest side of a page, texels")
-    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "zoo", help="folder of scenes and references")
-    parser.add_argument("--docs", action="store_true", help="write the tables into docs/ablation.md")
     arguments = parser.parse_args(words)
     if arguments.turns < 2:
         parser.error("--turns: expected at least 2, for without another seed nothing tells what is noise.")
@@ -130,22 +118,17 @@ def main(words: list[str] | None = None) -> int:
     mechanisms = arguments.mechanisms or [name for name in MECHANISMS if name not in IDLE]
     asked = Asked(arguments.error, arguments.max_photons, arguments.budget, tuple(range(1, 1 + arguments.turns)), arguments.jobs)
     scenes: list[SceneTrials] = []
-    failed: list[str] = []
-    for name, find_subject in list_subjects(arguments, dataclasses.replace(QUICK, max_size=arguments.max_size)):
-        try:
-            subject = find_subject()
-            print(subject.about, file=sys.stderr, flush=True)
-            scenes.append(run_scene(subject, asked, mechanisms))
-        except (RuntimeError, subprocess.CalledProcessError) as reason:  # hours of other scenes are not to be lost
-            failed.append(f"{name} FAILED: {reason}")
-            print(failed[-1], file=sys.stderr, flush=True)
-            continue
+
+    def run(subject: Subject) -> None:
+        scenes.append(run_scene(subject, asked, mechanisms))
         print(tabulate_worth(scenes, mechanisms), file=sys.stderr, flush=True)
         if arguments.docs:  # now, so that a run that is stopped leaves what it has
             write_page(ROOT / "docs" / "ablation.md", scenes, mechanisms, bool(arguments.scenes))
+
+    effort = dataclasses.replace(QUICK, max_size=arguments.max_size or QUICK.max_size)
+    code = run_scenes(list_subjects(arguments, effort), run)
     print(tabulate_worth(scenes, mechanisms), tabulate_scenes(scenes), sep="\n\n")
-    print(*failed, sep="\n")
-    return int(bool(failed))
+    return code
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 from lightmap_errors import LightmapErrors
 from sample_truths import measure_truth
-from tables import Table, put_tables
+from tables import Table, fill_page
 
 SIZE = 256
 NEVER = 1e-4  # an error that no bake here comes to, so that the photons decide
@@ -226,8 +226,7 @@ def main() -> int:
     tables = {"errors": Table(HEAD, [one.row() for one in measured]), "claims": table_claims(claims)}
     print(*tables.values(), sep="\n\n")
     if arguments.docs:
-        page = DOCS / "cycles.md"
-        page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+        fill_page(DOCS / "cycles.md", tables)
     return publish_claims("accuracy", claims)
 
 

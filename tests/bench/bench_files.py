@@ -18,7 +18,7 @@ import numpy as np
 from image_io_path import add_image_io
 from leaflight.core.output.image_file import read_image, write_image
 from leaflight.core.texels.margin import fill_margin
-from tables import Table, put_tables
+from tables import Table, fill_page
 from zoo_bakes import bake_leaflight, find_file
 from zoo_reference import PageReference, Subject, find_reference
 
@@ -165,7 +165,7 @@ def main() -> int:
         if options.docs:
             PICTURES.mkdir(exist_ok=True)
             draw_pair(subject, value, reference, subject.folder, PICTURES / f"{subject.name}.png")
-            DOCS.write_text(put_tables(DOCS.read_text(encoding="utf-8"), tabulate(rows)), encoding="utf-8")
+            fill_page(DOCS, tabulate(rows))
     return 0
 
 

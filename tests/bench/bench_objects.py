@@ -27,7 +27,7 @@ from leaflight.core.transport import traced_scene
 from leaflight.core.util.job import SNAPSHOT_FILE
 from leaflight.core.util.settings import ERROR_OF, Settings
 from lightmap_errors import BEST_TEXELS, DARK_FLOOR, find_lit
-from tables import Table, put_tables
+from tables import Table, fill_page
 
 NAMES = ("bent_quads", "cornell_box", "furnished_room", "instances", "two_rooms")  # of more than one object, lit otherwise than evenly
 ERROR = 0.05  # that is asked for
@@ -197,8 +197,7 @@ def main() -> int:
     table = Table(HEAD, [one.row() for one in measured])
     print(table)
     if arguments.docs:
-        page = DOCS / "cycles.md"
-        page.write_text(put_tables(page.read_text(encoding="utf-8"), {"objects": table}), encoding="utf-8")
+        fill_page(DOCS / "cycles.md", {"objects": table})
     return publish_claims("objects", claims)
 
 

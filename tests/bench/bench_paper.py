@@ -26,7 +26,7 @@ from leaflight.core.scene.snapshot import load_snapshot
 from leaflight.core.util.settings import Settings
 from paper_bakes import Bake, Reference, Stage
 from paper_tables import Point
-from tables import Table, put_tables
+from tables import Table, fill_page
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 ROOM, SQUARE = "furnished_room", "figure2_square"
@@ -127,8 +127,7 @@ def main() -> int:
         camera = json.loads((folder / f"{ROOM}.camera.json").read_text(encoding="utf-8"))
         draw_paper(measured, camera, DOCS / "paper" if arguments.docs else folder / "pictures")
     if arguments.docs:
-        page = DOCS / "paper.md"
-        page.write_text(put_tables(page.read_text(encoding="utf-8"), measured.tables), encoding="utf-8")
+        fill_page(DOCS / "paper.md", measured.tables)
     return publish_claims("paper", measured.claims)
 
 

@@ -32,14 +32,13 @@ from cycles_reference import COMMITTED, ROOT, SAMPLES, WHOLE_SIZE, Reference
 from export_samples import export_samples
 from image_io_path import add_image_io
 from leaflight.core.scene.snapshot import load_snapshot
-from speed_curves import Point, Reach, bake_in_turns, geometric_mean, join_turns, ratio_text, reach_error
-from tables import Table, put_tables
+from speed_curves import PATIENCE, Point, Reach, bake_in_turns, geometric_mean, join_turns, list_more_samples, ratio_text, reach_error
+from tables import Table, fill_page
 
 DOCS = ROOT / "docs"
 HISTORY = DOCS / "speed" / "history.jsonl"
 OURS, PHOTONS, CYCLES, OIDN = "Leaflight", "Leaflight, photons only", "Cycles", "Cycles + OIDN"
 MEASURED_ERRORS = (0.10, 0.05, 0.02)
-PATIENCE = 4.0  # budgets that a bake may take while its series, which is not extrapolated, has not come to the least of them
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Effort:
     """How much is run.
 
     errors     that Leaflight is asked for, ascending in time
-    samples    that Cycles is asked for, until one bake would take longer than `budget_s`; see list_more_samples
+    samples    that Cycles is asked for, until one bake would take longer than `budget_s`; see speed_curves.list_more_samples
     turns      how often a short bake is made, of which the median counts
     """
 
@@ -109,7 +108,7 @@ def trace_curves(name: str, size: int, reference: Reference, effort: Effort) -> 
     while bakes:
         for label, pages in ((CYCLES, bakes), (OIDN, [speed_rivals.denoise(one, effort.turns) for one in bakes])):
             curves[label] += [measure(one.page, one.seconds, one.samples) for one in pages]
-        more = list_more_samples(curves[CYCLES], curves[OIDN], effort)
+        more = list_more_samples(curves[CYCLES], curves[OIDN], effort.samples, effort.budget_s, min(MEASURED_ERRORS))
         bakes = speed_rivals.bake_rival(SAMPLES / f"{name}.blend", size, math.inf, more, effort.turns)[0] if more else []
     for label, errors, options in ((OURS, effort.errors, []), (PHOTONS, effort.photon_errors, ["--direct", "photons"])):
         curves[label] = trace_leaflight(name, size, effort, errors, options, measure)
@@ -135,16 +134,6 @@ def trace_leaflight(
         if ends_series(first[error], effort.budget_s):
             break
     return [join_turns(points) for points in bake_in_turns(first, bake, effort.turns, lambda point: point.seconds)]
-
-
-def list_more_samples(cycles: Sequence[Point], filtered: Sequence[Point], effort: Effort) -> tuple[int, ...]:
-    """The samples that Cycles is asked for next, one number or none, although a bake takes longer than the budget: it is waited for as
-    patiently as we are, while what the filter makes of its bakes has not come to the least error.
-    """
-    last = cycles[-1]
-    most = last.asked * PATIENCE * effort.budget_s / last.seconds
-    further = [count for count in effort.samples if last.asked < count <= most]
-    return tuple(further[:1]) if min(point.rel for point in filtered) > min(MEASURED_ERRORS) else ()
 
 
 def ends_series(point: Point, budget_s: float) -> bool:
@@ -351,8 +340,7 @@ def main() -> int:
         tables |= {"times": table_times(curves), "bakes": table_points(curves)}
     print(*tables.values(), sep="\n\n")
     if arguments.docs and curves:
-        page = DOCS / "speed.md"
-        page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+        fill_page(DOCS / "speed.md", tables)
         append_history(HISTORY, targets)
     return int(not all(target.holds for target in targets))
 

@@ -20,9 +20,9 @@ from functools import partial
 from pathlib import Path
 
 from image_io_path import add_image_io
-from speed_curves import bake_in_turns
-from tables import put_tables
-from zoo_bakes import PATIENCE, Bake, PageFullError, bake_leaflight, bake_rivals, find_file, find_seed
+from speed_curves import PATIENCE, bake_in_turns
+from tables import fill_page
+from zoo_bakes import Bake, PageFullError, bake_leaflight, bake_rivals, find_file, find_seed
 from zoo_reference import PageReference, Subject, find_reference
 from zoo_results import Outcome, SceneResult, join_outcomes, list_scenes, share_of_tracing, summarize, tabulate_quick, tabulate_times
 
@@ -101,14 +101,8 @@ def bake_series(subject: Subject, effort: Effort, options: list[str]) -> list[li
 
 
 def run_scene(subject: Subject, effort: Effort, options: list[str]) -> SceneResult:
-    """All bakes of a scene; on a larger page where its charts do not fit."""
-    try:
-        bakes = bake_series(subject, effort, options)
-    except PageFullError:
-        larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
-        larger.save()
-        print(f"{subject.name}: the charts need a page of {larger.size}²", file=sys.stderr, flush=True)
-        return run_scene(larger, effort, options)
+    """All bakes of a scene."""
+    bakes = bake_series(subject, effort, options)
     layout = "" if subject.uv_layer else bakes[0][0][1].layout
     reference = find_reference(subject, layout, effort.side, effort.reference_s, effort.noise)
     ours = tuple(join_outcomes([judge_bake(subject, bake, reference, asked) for asked, bake in turns]) for turns in bakes)
@@ -125,6 +119,41 @@ def list_subjects(arguments: argparse.Namespace, effort: Effort) -> list[tuple[s
     return [(f"seed {seed}", partial(find_seed, seed, arguments.cache, effort.max_size)) for seed in seeds]
 
 
+def run_scenes(scenes: Sequence[tuple[str, Callable[[], Subject]]], run: Callable[[Subject], object]) -> int:
+    """Run each scene, on a larger page where its charts do not fit; 1 if one failed, which is told again at the end."""
+    failed: list[str] = []
+    for name, find_subject in scenes:
+        try:
+            subject = find_subject()
+            print(subject.about, file=sys.stderr, flush=True)
+            run_on_fitting_page(subject, run)
+        except (RuntimeError, subprocess.CalledProcessError) as reason:  # hours of other scenes are not to be lost
+            failed.append(f"{name} FAILED: {reason}")
+            print(failed[-1], file=sys.stderr, flush=True)
+    print(*failed, sep="\n")
+    return int(bool(failed))
+
+
+def run_on_fitting_page(subject: Subject, run: Callable[[Subject], object]) -> None:
+    try:
+        run(subject)
+    except PageFullError:
+        larger = dataclasses.replace(subject, size=subject.size * 3 // 2)
+        larger.save()
+        print(f"{subject.name}: the charts need a page of {larger.size}²", file=sys.stderr, flush=True)
+        run_on_fitting_page(larger, run)
+
+
+def add_scene_options(parser: argparse.ArgumentParser, page: str) -> None:
+    """Which scenes are run, and where they are kept and told; read by list_subjects."""
+    parser.add_argument("--seeds", nargs="+", type=int, help="scenes; without them the date decides")
+    parser.add_argument("--count", type=int, help="how many seeds are drawn where none are named")
+    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="its .blend files in place of seeds, each on a new UV layer")
+    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "zoo", help="folder of scenes and references")
+    parser.add_argument("--max-size", type=int, help="largest side of a page, texels")
+    parser.add_argument("--docs", action="store_true", help=f"write the tables into docs/{page}")
+
+
 def write_page(page: Path, results: Sequence[SceneResult], files: bool) -> None:
     """The tables of a run into their places in a page of docs/; scenes from files have places of their own."""
     tables = {
@@ -134,21 +163,16 @@ def write_page(page: Path, results: Sequence[SceneResult], files: bool) -> None:
         "scenes": list_scenes(results),
     }
     tables = {f"files {name}" if files else name: table for name, table in tables.items()}
-    page.write_text(put_tables(page.read_text(encoding="utf-8"), tables), encoding="utf-8")
+    fill_page(page, tables)
 
 
 def main(words: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", nargs="+", type=int, help="scenes; without them the date decides")
-    parser.add_argument("--count", type=int, help="how many seeds are drawn where none are named")
-    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="its .blend files in place of seeds, each on a new UV layer")
+    add_scene_options(parser, "zoo.md")
     parser.add_argument("--turns", type=int, help="how often a short bake is made")
-    parser.add_argument("--docs", action="store_true", help="write the tables into docs/zoo.md")
     parser.add_argument("--budget", type=float, help="seconds that one bake may take")
     parser.add_argument("--quick", action="store_true", help="Leaflight alone, on small pages, against a reference")
-    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "zoo", help="folder of scenes and references")
     parser.add_argument("--reference-seconds", type=float, help="of all processors together, that a new reference may take")
-    parser.add_argument("--max-size", type=int, help="largest side of a page, texels")
     parser.add_argument("options", nargs="*", help="for Leaflight, behind --")
     arguments = parser.parse_args(words)
     effort = QUICK if arguments.quick else FULL
@@ -161,24 +185,18 @@ def main(words: list[str] | None = None) -> int:
     )
     add_image_io()
     results: list[SceneResult] = []
-    failed: list[str] = []
-    for name, find_subject in list_subjects(arguments, effort):
-        try:
-            subject = find_subject()
-            print(subject.about, file=sys.stderr, flush=True)
-            results.append(run_scene(subject, effort, arguments.options))
-        except (RuntimeError, subprocess.CalledProcessError) as reason:  # hours of other scenes are not to be lost
-            failed.append(f"{name} FAILED: {reason}")
-            print(failed[-1], file=sys.stderr, flush=True)
-            continue
+
+    def run(subject: Subject) -> None:
+        results.append(run_scene(subject, effort, arguments.options))
         tables = [tabulate_quick(results[-1:]), *([tabulate_times(results[-1:])] if effort.samples else [])]
         print(*tables, sep="\n", file=sys.stderr, flush=True)
         if arguments.docs and effort.samples:  # now, so that a run that is stopped leaves what it has
             write_page(ROOT / "docs" / "zoo.md", results, bool(arguments.scenes))
+
+    code = run_scenes(list_subjects(arguments, effort), run)
     tables = [tabulate_quick(results), *([tabulate_times(results)] if effort.samples else []), summarize(results)]
     print(*tables, sep="\n\n")
-    print(*failed, sep="\n")
-    return int(bool(failed))
+    return code
 
 
 if __name__ == "__main__":

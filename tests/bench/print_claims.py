@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from claims import PUBLISHED, load_claims, tabulate_claims, tell_failures
-from tables import put_tables
+from tables import fill_page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "accuracy.md"
 
@@ -23,7 +23,7 @@ def main() -> int:
     table = tabulate_claims(claims)
     print(table)
     if arguments.docs:
-        PAGE.write_text(put_tables(PAGE.read_text(encoding="utf-8"), {"claims": table}), encoding="utf-8")
+        fill_page(PAGE, {"claims": table})
     return tell_failures(claims)
 
 

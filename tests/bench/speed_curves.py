@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 Baked = TypeVar("Baked")
+PATIENCE = 4.0  # budgets that a bake may take while its series, which is not extrapolated, has not come to the least error asked for
 SHORT_S = 10.0  # a bake that takes less is at the mercy of the second it is made in
 
 
@@ -51,6 +52,18 @@ def bake_in_turns(
             if seconds(bakes[0]) < SHORT_S:
                 bakes.append(bake(asked, turn))
     return list(made.values())
+
+
+def list_more_samples(
+    cycles: Sequence[Point], filtered: Sequence[Point], samples: Sequence[int], budget_s: float, least_error: float
+) -> list[int]:
+    """The samples that Cycles is asked for next, one number or none, although a bake takes longer than the budget: it is waited for as
+    patiently as we are, while what the filter makes of its bakes has not come to the least error.
+    """
+    last = cycles[-1]
+    most = last.asked * PATIENCE * budget_s / last.seconds
+    further = [count for count in samples if last.asked < count <= most]
+    return further[:1] if min(point.rel for point in filtered) > least_error else []
 
 
 def join_turns(points: Sequence[Point]) -> Point:

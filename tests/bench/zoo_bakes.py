@@ -18,13 +18,12 @@ import numpy as np
 import speed_rivals
 from leaflight.core.output import image_file
 from leaflight.core.util import ablation
-from speed_curves import Point
+from speed_curves import Point, list_more_samples
 from zoo_plan import draw_plan
 from zoo_reference import ABOUT, SCENE, PageReference, Subject
 from zoo_results import CYCLES, ERRORS, OIDN
 from zoo_scene import describe
 
-PATIENCE = 4.0
 _INTERRUPTED = 130  # exit code of a bake that was asked for its best so far
 
 
@@ -135,17 +134,9 @@ def bake_rivals(
             for bake in bakes:
                 errors = reference.measure({"": bake.page}, subject.objects)
                 series[label].append(Point(bake.seconds, errors.rel, errors.nrmse, bake.samples))
-        asked = list_more_samples(series, samples, budget_s)
+        asked = list_more_samples(series[CYCLES], series[OIDN], samples, budget_s, min(ERRORS))
         limit_s = math.inf
     return {label: tuple(points) for label, points in series.items()}
-
-
-def list_more_samples(series: dict[str, Sequence[Point]], samples: Sequence[int], budget_s: float) -> list[int]:
-    """The next number of samples after those of a series, or none; see bake_rivals."""
-    last = series[CYCLES][-1]
-    most = last.asked * PATIENCE * budget_s / last.seconds
-    further = [count for count in samples if last.asked < count <= most]
-    return further[:1] if min(point.rel for point in series[OIDN]) > min(ERRORS) else []
 
 
 def _count_cpu_s() -> float:

@@ -6,7 +6,7 @@ bpy = pytest.importorskip("bpy")
 import bench_zoo
 from blend_rooms import open_room, save_scene
 
-SMALL = ["--quick", "--max-size", "64", "--reference-seconds", "1", "--budget", "5"]
+SMALL = ["--quick", "--max-size", "64", "--reference-seconds", "1", "--budget", "100"]
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from tables import Table, put_tables
+from tables import Table, fill_page
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs" / "reliability.md"
@@ -201,7 +201,7 @@ def main() -> int:
         shutil.rmtree(folder, ignore_errors=True)
     if asked.docs and not asked.seeds:
         note = Table(["seeds", "date"], [[f"{seeds[0]} to {seeds[-1]}", datetime.date.today().isoformat()]])
-        DOCS.write_text(put_tables(DOCS.read_text(encoding="utf-8"), {"fuzz": table, "seeds": note}), encoding="utf-8")
+        fill_page(DOCS, {"fuzz": table, "seeds": note})
     return 1 if failed else 0
 
 
