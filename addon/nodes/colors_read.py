@@ -23,6 +23,7 @@ from .object_attributes import NOTHING, RANDOM, find_shown, pick_output, shows_o
 from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object, depends_on_random
 from .tangent_normals import thin_out
 from .texture_mapping import UV, UvMapping, read_mapping
+from .view_nodes import HEMISPHERE, depends_on_view, is_even, read_view, shows_view
 
 FACING: Rgb = (0.5, 0.5, 1.0)  # of a normal map that changes nothing
 TEXTURE_COLOR: Rgb = (0.5, 0.5, 0.5)  # mean of a procedural texture, roughly
@@ -53,6 +54,8 @@ class ColorReader:
     by_object  on the object that they are of, and
     by_random  on its random number, which differs between instances
     ray        the kind of ray that sees the surface, of core.scene; by_ray tells whether what was read depends on it
+    view       from where the surface is seen, see view_nodes; then images count by their means. None for the mean of all views of its
+               front, or of its back (is_back); by_view tells whether what was read depends on it
     sky        of a world alone: reads an environment texture, None where it cannot, and what Light Path nodes give
     """
 
@@ -66,7 +69,8 @@ class ColorReader:
         sky: tuple[Callable[[ColorReader, Port], Color | None], Mapping[str, float]] | None = None,
     ) -> None:
         self.images, self.faces, self.colors = images, faces, colors
-        self.by_faces = self.by_object = self.by_random = self.by_ray = False
+        self.by_faces = self.by_object = self.by_random = self.by_ray = self.by_view = self.is_back = False
+        self.view: float | None = None
         self.sky = sky
         self.ray = DIFFUSE
         self._baker, self._material, self._depth, self._inexact = baker, material, 0, False
@@ -88,6 +92,8 @@ class ColorReader:
     def read_color(self, port: Port | None, default: Rgb = WHITE) -> Color:
         """The colour that a source port gives; evaluated by Blender where its nodes are not all known here."""
         if self._depth or port is None or self.faces is None or self._baker is None or not can_evaluate(port):
+            return self._read_color(port, default)
+        if self.view is not None or (self.is_back and depends_on_view(port)):  # Blender would show the front, straight on
             return self._read_color(port, default)
         self._depth, self._inexact, before = 1, False, list(self.replaced)
         try:
@@ -168,12 +174,25 @@ class ColorReader:
             return Color(self.read_value(port.socket, default))
         if shows_view_layer(port) or (self.faces is not None and shows_object(port)):
             return _read_property(self, port)
-        if port.node.type == "NEW_GEOMETRY" and port.socket.name == "Backfacing":
-            self.note(f"{describe(port.node)} tells front from back, and both sides are baked as the front")
-            return Color(BLACK)
+        if self.view is None and (shows_view(port) or (depends_on_view(port) and is_even(port))):
+            return self._average_views(port, default)
         reader = _COLOR_READERS.get(port.node.type)
-        color = reader(self, port) if reader else read_function(self, port)
-        return self.read_unknown(port) if color is None else color
+        if self.view is not None and shows_view(port):
+            color: Color | None = read_view(self, port, self.view)
+        else:
+            color = reader(self, port) if reader else read_function(self, port)
+        color = self.read_unknown(port) if color is None else color
+        return color if self.view is None else Color(color.mean)
+
+    def _average_views(self, port: Port, default: Rgb) -> Color:
+        """The mean of what an output gives over all directions in which diffuse light leaves the side that is read."""
+        self.by_view = True
+        found = []
+        for cosine in HEMISPHERE:
+            self.view = -cosine if self.is_back else cosine
+            found.append(self._read_color(port, default).rgb)
+        self.view = None
+        return Color(to_rgb(np.mean(found, axis=0)))
 
     def read_value(self, socket: Any, default: Rgb) -> Rgb:
         """The value of a socket that nothing feeds."""
@@ -215,7 +234,12 @@ class ColorReader:
 
     def reads(self, port: Port) -> bool:
         """Whether the node of a source port is told by itself, as an image is and a procedural texture is not."""
-        return port.node.type in _COLOR_READERS or shows_view_layer(port) or (self.faces is not None and shows_object(port))
+        return (
+            port.node.type in _COLOR_READERS
+            or shows_view(port)
+            or shows_view_layer(port)
+            or (self.faces is not None and shows_object(port))
+        )
 
     def derive(self, port: Port, formula: Formula, colors: Sequence[Color], what: str = "") -> Color:
         """What a formula makes of colours on the node of a port; `what` tells several formulas of one node."""
@@ -368,11 +392,6 @@ def _read_light_path(reader: ColorReader, port: Port) -> Color:
     return Color((_LIGHT_PATH[reader.ray].get(name, 0.0),) * 3)
 
 
-def _read_fresnel(reader: ColorReader, port: Port) -> Color:
-    reader.note(f"{describe(port.node)} is approximated")
-    return Color((0.05,) * 3)  # facing a dielectric
-
-
 _COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "TEX_IMAGE": _read_image,
     "TEX_ENVIRONMENT": _read_image,
@@ -382,6 +401,4 @@ _COLOR_READERS: dict[str, Callable[[ColorReader, Port], Color]] = {
     "RGB": _read_output_value,
     "VALUE": _read_output_value,
     "LIGHT_PATH": _read_light_path,
-    "FRESNEL": _read_fresnel,
-    "LAYER_WEIGHT": _read_fresnel,
 }

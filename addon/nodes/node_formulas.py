@@ -46,6 +46,19 @@ def find_blackbody(kelvin: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
+def dim_rough(color: Array, roughness: Array) -> Array:
+    """Share of even light that a rough diffuse surface of a colour reflects.
+
+    Source: Oren & Nayar 1994 in the form of Fujii, "A tiny improvement of Oren-Nayar reflectance model", with the energy that facets pass
+    to each other given back as in OpenPBR; Blender, intern/cycles/kernel/closure/bsdf_oren_nayar.h.
+    """
+    sigma, color = np.clip(roughness, 0.0, 1.0), np.clip(color, 0.0, 1.0)
+    a = 1.0 / (np.pi + sigma * (np.pi / 2.0 - 2.0 / 3.0))
+    single = a * np.pi + (2.0 * np.pi - 5.6) / 3.0 * (sigma * a)
+    lost = 1.0 - single
+    return color * (single + color**2 * single * lost / (1.0 - color * lost))
+
+
 def to_grey(color: Array) -> Array:
     """Luminance in all channels."""
     return np.repeat((color @ LUMINANCE.astype(color.dtype))[..., None], 3, axis=-1)

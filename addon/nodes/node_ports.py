@@ -34,12 +34,39 @@ class Port:
 def find_source(port: Port) -> Port:
     """The output that feeds an input, or the unlinked input whose value holds."""
     while not port.socket.is_output:
-        # Blender marks one link of a ring as not valid, but not that of a node to itself.
-        links = [link for link in port.socket.links if link.is_valid and not link.is_muted and link.from_node != link.to_node]
+        links = _list_links(port.socket)
         if not links:
             return port
-        port = _pass_through(Port(links[0].from_socket, port.groups))
+        source = Port(links[0].from_socket, port.groups)
+        if source.node.mute:
+            inner = next((link for link in source.node.internal_links if link.to_socket == source.socket), None)
+            if inner is None or not _list_links(inner.from_socket):
+                return port  # Blender takes a muted node out with the link from it, unless something feeds what it hands on
+            port = Port(inner.from_socket, port.groups)
+        else:
+            port = _pass_through(source)
     return port
+
+
+def walk_sources(port: Port) -> Iterator[Any]:
+    """All nodes that an output may depend on, those of groups among them."""
+    pending, seen = [port.node], set()
+    for group in port.groups:
+        pending.append(group)
+    while pending:
+        node = pending.pop()
+        if node.as_pointer() in seen:
+            continue
+        seen.add(node.as_pointer())
+        yield node
+        if node.type == "GROUP" and node.node_tree:
+            pending.extend(node.node_tree.nodes)
+        pending.extend(link.from_node for socket in node.inputs for link in socket.links)
+
+
+def _list_links(socket: Any) -> list[Any]:
+    """The links to an input that count. Blender marks one link of a ring as not valid, but not that of a node to itself."""
+    return [link for link in socket.links if link.is_valid and not link.is_muted and link.from_node != link.to_node]
 
 
 def list_shaders(port: Port) -> Iterator[Port]:
@@ -56,11 +83,8 @@ def list_shaders(port: Port) -> Iterator[Port]:
 
 
 def _pass_through(port: Port) -> Port:
-    """An output's own port, or the input it merely hands on."""
+    """The port of an output that is not muted, or the input it merely hands on."""
     node = port.node
-    if node.mute:
-        inner = next((link for link in node.internal_links if link.to_socket == port.socket), None)
-        return Port(inner.from_socket, port.groups) if inner else port
     if node.type == "REROUTE":
         return Port(node.inputs[0], port.groups)
     if node.type == "GROUP" and node.node_tree:

@@ -6,7 +6,6 @@ Nothing of the user's is touched: object, mesh, material and node groups are cop
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +19,7 @@ from ...core.scene.scene import TextureImage
 from .color_attributes import Faces
 from .images_read import ImageTable
 from .node_colors import WHITE, Color, to_rgb
-from .node_ports import Port
+from .node_ports import Port, walk_sources
 from .object_attributes import RANDOM
 from .polygon_atlas import BakedLayer, PolygonAtlas, lay_polygons
 
@@ -102,17 +101,17 @@ class SocketBaker:
 
 def can_evaluate(port: Port) -> bool:
     """Whether an output is the same from wherever it is seen, and on a copy; and does not show an image whose file is missing."""
-    return not any(_is_unfit(node) for node in _walk_sources(port))
+    return not any(_is_unfit(node) for node in walk_sources(port))
 
 
 def depends_on_object(port: Port) -> bool:
     """Whether an output may differ between objects that share a mesh."""
-    return any(node.type in _BY_OBJECT or (node.type == "TEX_COORD" and _leaves_object(node)) for node in _walk_sources(port))
+    return any(node.type in _BY_OBJECT or (node.type == "TEX_COORD" and _leaves_object(node)) for node in walk_sources(port))
 
 
 def depends_on_random(port: Port) -> bool:
     """Whether an output may differ by objects' random numbers."""
-    return any(map(_shows_random, _walk_sources(port)))
+    return any(map(_shows_random, walk_sources(port)))
 
 
 def _leaves_object(node: Any) -> bool:
@@ -128,22 +127,6 @@ def _is_unfit(node: Any) -> bool:
     if node.type in _UNFIT or (_shows_random(node) and not node.id_data.is_embedded_data):
         return True
     return node.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and (node.image is None or (not node.image.has_data and not all(node.image.size)))
-
-
-def _walk_sources(port: Port) -> Iterator[Any]:
-    """All nodes that an output may depend on, those of groups among them."""
-    pending, seen = [port.node], set()
-    for group in port.groups:
-        pending.append(group)
-    while pending:
-        node = pending.pop()
-        if node.as_pointer() in seen:
-            continue
-        seen.add(node.as_pointer())
-        yield node
-        if node.type == "GROUP" and node.node_tree:
-            pending.extend(node.node_tree.nodes)
-        pending.extend(link.from_node for socket in node.inputs for link in socket.links)
 
 
 def bake_socket(port: Port, material: Any, faces: Faces, matrix: NDArray[np.float64], atlas: PolygonAtlas) -> NDArray[np.float32] | None:

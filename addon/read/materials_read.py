@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ...core.scene.scene import DIFFUSE, GLOSSY, SEEN_BY_ALL, SHADOW, TEXTURE_UVS, TRANSMISSION, Material
 from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
 from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS, ImageTable
-from ..nodes.node_colors import GREY, Color, Rgb, add_rgb, to_rgb
+from ..nodes.node_colors import GREY, WHITE, Color, Rgb, add_rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
 from ..nodes.polygon_atlas import BakedLayer
 from ..nodes.socket_bake import SocketBaker
@@ -20,6 +22,7 @@ from .shaders_read import PAINT, Surface, read_shader
 
 _IMAGES = tuple(image for images in TEXTURE_UVS.values() for image in images)
 _ALIKE = 1e-4  # of reflectances
+_VIEWS = np.maximum(np.linspace(0.0, 1.0, 17), 1e-4).tolist()  # cosines with the normal; 0 would be on neither side
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,7 @@ class MaterialTable:
         surface = read_material(reader, material)
         seen = _read_by_ray(reader, material, surface) if reader.by_ray else _SeenByRay(surface, {}, surface.passing.mapping)
         surface, passing = seen.surface, seen.passing
+        sides = _read_sides(reader, material, surface) if reader.by_view else _Sides(surface.passing)
         if reader.replaced or reader.mended:
             self._warnings.append((material.name, f"the material is simplified: {'; '.join([*reader.replaced, *reader.mended])}"))
         return MaterialReading(
@@ -99,8 +103,11 @@ class MaterialTable:
                 albedo_image=surface.albedo.image,
                 emission_rgb=_clip_negative(surface.emission.rgb),
                 emission_image=surface.emission.image,
-                passing_rgb=_clip_negative(surface.passing.rgb),
-                passing_image=surface.passing.image,
+                passing_rgb=_clip_negative(sides.passing.rgb),
+                passing_image=sides.passing.image,
+                passing_views=sides.passing_views,
+                back_rgb=sides.back_rgb,
+                dark_back=sides.dark_back,
                 **passing,
                 seen_rgb=seen.seen_rgb,
                 glow_rgb=seen.glow_rgb,
@@ -136,7 +143,7 @@ class MaterialTable:
             ),
             surface.albedo.mapping,
             surface.emission.mapping,
-            seen.passing_mapping,
+            sides.passing.mapping if sides.passing.image >= 0 else seen.passing_mapping,
             UNMAPPED if reader.normal is None else reader.normal.mapping,
             surface.metal.mapping,
             surface.glass.mapping,
@@ -195,6 +202,51 @@ def _read_by_ray(reader: ColorReader, material: Any, diffuse: Surface) -> _SeenB
     )
     surface = replace(shown, passing=diffuse.passing, emission=diffuse.emission)
     return _SeenByRay(surface, fields, mapping or UNMAPPED, seen_rgb, glow_rgb)
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """What differs by view; `passing` is that of the side that lets more light pass, the others are fields of Material."""
+
+    passing: Color
+    passing_views: tuple[tuple[float, ...], ...] = ()
+    back_rgb: Rgb = WHITE
+    dark_back: bool = False
+
+
+def _read_sides(reader: ColorReader, material: Any, front: Surface) -> _Sides:
+    """By a reader that has read what the mean of all views of the front shows, and whose nodes tell views apart."""
+    before = list(reader.replaced)
+    reader.is_back = True
+    back = read_material(reader, material)
+    reader.is_back = False
+    of_views: list[list[Surface]] = [[], []]
+    for side, found in zip((-1.0, 1.0), of_views, strict=True):
+        for cosine in _VIEWS:
+            reader.view = side * cosine
+            found.append(read_material(reader, material))
+    reader.view, reader.replaced = None, before
+    passing = max(front.passing, back.passing, key=lambda color: sum(color.mean))
+    views = tuple(tuple(_divide_means(surface.passing, passing) for surface in found) for found in of_views)
+    is_even = max(map(max, views)) - min(map(min, views)) < _ALIKE
+    glows = [[sum(surface.emission.mean) for surface in found] for found in of_views]
+    dark_back = max(glows[0]) <= 0.0
+    if any(max(each) - min(each) > _ALIKE * max(each) for each in glows):
+        reader.note("it glows in some directions more than in others, and is baked as glowing alike in all")
+    if not dark_back and abs(sum(back.emission.mean) - sum(front.emission.mean)) > _ALIKE * sum(back.emission.mean):
+        reader.note("its back glows in another way than its front, as which it is baked")
+    sent, at_back = _find_sent(front), _find_sent(back)
+    if any(there > 0.0 and here <= 0.0 for here, there in zip(sent, at_back, strict=True)):
+        reader.note("its back reflects light of a colour that its front does not, and that is left out")
+    if back.albedo.image != front.albedo.image and any(at_back):
+        reader.note("its back shows the pattern of its front")
+    back_rgb = _divide(at_back, sent)
+    return _Sides(passing, () if is_even else views, back_rgb, dark_back and any(front.emission.mean))
+
+
+def _divide_means(part: Color, whole: Color) -> float:
+    """1 where the whole is 0."""
+    return sum(part.mean) / sum(whole.mean) if sum(whole.mean) > 0.0 else 1.0
 
 
 def _find_sent(surface: Surface) -> Rgb:

@@ -13,7 +13,9 @@ from ...core.scene.sheen import average_sheen
 from ...core.util.arrays import FloatArray
 from ..nodes.colors_read import ColorReader
 from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, to_rgb
+from ..nodes.node_formulas import dim_rough
 from ..nodes.node_ports import Port, find_source
+from ..nodes.view_nodes import depends_on_view
 
 _NOTHING = Color(BLACK)
 _NO_SUBSURFACE = "light below the surface comes out where it went in"
@@ -129,12 +131,17 @@ def read_input_color(reader: ColorReader, port: Port, name: str, default: Rgb = 
 
 def _read_principled(reader: ColorReader, port: Port) -> Surface:
     metallic, transmission = _fraction(reader, port, "Metallic"), _fraction(reader, port, "Transmission Weight")
-    if reader.read_number(port.sibling("Subsurface Weight"), 0.0) > 0.0:
+    subsurface = reader.read_number(port.sibling("Subsurface Weight"), 0.0)
+    if subsurface > 0.0:
         reader.note(_NO_SUBSURFACE)
+    _note_lobe(reader, port)
     _note_normal(reader, port, is_mirror=metallic.mean[0] > 0.0)
     alpha = _fraction(reader, port, "Alpha", 1.0)
     base = read_input_color(reader, port, "Base Color", GREY)
-    color = _leave_out(reader, port, base, metallic, "not metal")
+    diffuse = _roughen(reader, port, base, "Diffuse Roughness")
+    if subsurface > 0.0:
+        diffuse = reader.mix(port, diffuse, base, min(subsurface, 1.0), "below")
+    color = _leave_out(reader, port, diffuse, metallic, "not metal")
     metal = _scale(reader, port, _scale(reader, port, base, metallic, "metal"), alpha, "clear metal")
     albedo = _leave_out(reader, port, color, transmission, "glass")
     emission = _read_radiance(reader, port, "Emission Color", "Emission Strength", 0.0)
@@ -207,7 +214,8 @@ def _read_sheen(reader: ColorReader, port: Port) -> Surface:
 
 def _read_subsurface(reader: ColorReader, port: Port) -> Surface:
     reader.note(_NO_SUBSURFACE)
-    return _read_diffuse(reader, port)
+    _note_normal(reader, port)
+    return Surface(read_input_color(reader, port, "Color", GREY), gloss=PAINT)
 
 
 def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: bool) -> GlassNumbers:
@@ -274,6 +282,7 @@ def _scatters_often(port: Port) -> bool:
 
 def _read_glossy(reader: ColorReader, port: Port) -> Surface:
     """A Glossy BSDF reflects its colour at all angles."""
+    _note_lobe(reader, port)
     _note_normal(reader, port, is_mirror=True)
     color = read_input_color(reader, port, "Color")
     gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, multiscatter=_scatters_often(port), flat=True)
@@ -282,6 +291,7 @@ def _read_glossy(reader: ColorReader, port: Port) -> Surface:
 
 def _read_metallic(reader: ColorReader, port: Port) -> Surface:
     """A Metallic BSDF: its colour straight on and a tint at the edge, or what a conductor's indices of refraction make of both."""
+    _note_lobe(reader, port)
     _note_normal(reader, port, is_mirror=True)
     if getattr(port.node, "fresnel_type", "F82") == "PHYSICAL_CONDUCTOR":
         ior, extinction = (read_input_color(reader, port, name).mean for name in ("IOR", "Extinction"))
@@ -296,7 +306,15 @@ def _read_metallic(reader: ColorReader, port: Port) -> Surface:
 
 def _read_diffuse(reader: ColorReader, port: Port) -> Surface:
     _note_normal(reader, port)
-    return Surface(read_input_color(reader, port, "Color", GREY), gloss=PAINT)
+    return Surface(_roughen(reader, port, read_input_color(reader, port, "Color", GREY), "Roughness"), gloss=PAINT)
+
+
+def _roughen(reader: ColorReader, port: Port, color: Color, name: str) -> Color:
+    """What a diffuse surface of a colour reflects, as rough as an input of a port's node says."""
+    roughness = reader.read_factor(port.sibling(name), 0.0)
+    if max(roughness.mean) <= 0.0:
+        return color
+    return reader.derive(port, dim_rough, [color, roughness], "rough")
 
 
 def _read_translucent(reader: ColorReader, port: Port) -> Surface:
@@ -330,7 +348,7 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
     part = reader.read_factor(factor, 0.5)
     fraction = min(max(part.mean[0], 0.0), 1.0)
     linked = factor is not None and not factor.is_value
-    if linked and part.image < 0 and 0.0 < fraction < 1.0:
+    if linked and part.image < 0 and 0.0 < fraction < 1.0 and not depends_on_view(factor):
         reader.note("two shaders are mixed evenly over the surface")
     return Surface(
         reader.blend(port, first.albedo, second.albedo, part, "albedo"),
@@ -381,6 +399,7 @@ def _read_holdout(reader: ColorReader, port: Port) -> Surface:
 
 
 def _read_glass(reader: ColorReader, port: Port) -> Surface:
+    _note_lobe(reader, port)
     color = read_input_color(reader, port, "Color")
     return Surface(glass=color, bending=_read_bending(reader, port, color.mean, True))
 
@@ -419,6 +438,15 @@ def _scale(reader: ColorReader, port: Port, color: Color, fraction: Color, what:
 def _complement(reader: ColorReader, port: Port, fraction: Color, what: str) -> Color:
     """What is left of 1."""
     return _leave_out(reader, port, Color(WHITE), fraction, what)
+
+
+def _note_lobe(reader: ColorReader, port: Port) -> None:
+    """Note what changes the direction or the colour of reflections and is not read."""
+    for name in ("Anisotropic", "Anisotropy"):
+        if reader.read_number(port.sibling(name), 0.0) != 0.0:
+            reader.note("its reflections are baked as round (no Anisotropic)")
+    if reader.read_number(port.sibling("Thin Film Thickness"), 0.0) > 0.0:
+        reader.note("its thin film is left out")
 
 
 def _note_normal(reader: ColorReader, port: Port, is_mirror: bool = False) -> None:

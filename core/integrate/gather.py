@@ -173,6 +173,8 @@ class _Gathering:
             ray, direction, share, kind = ray[hit], take_rows(direction, hit), share[:, hit], kind[hit]
             tri_seen = scene.surfaces.tri_seen
             seen = share if tri_seen is None else share * tri_seen[kind, :, tri].T
+            back = scene.surfaces.dim_back(tri, (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0)
+            seen = seen if back is None else seen * back
             traced += self._add(sent, rows, span, ray, direction, seen, (tri, u, v, distance))
             onward = []
             if scene.passing is not None:

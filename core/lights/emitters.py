@@ -47,7 +47,7 @@ class EmittingMeshes:
     """All emitting triangles of a scene, found once for photons and for shadow rays.
 
     by_material   (material, its cells) for every material that emits from a triangle with area
-    tri_sealed    (n_tri,) bool: triangles of closed solids whose inside is never seen, see sealed_solids
+    tri_sealed    (n_tri,) bool: triangles that send no light from their backs, or whose backs are never seen, see sealed_solids
     """
 
     by_material: tuple[tuple[int, EmittingCells], ...]
@@ -61,14 +61,15 @@ class EmittingMeshes:
             shines[cells.tri] = True
         passes = np.logical_or.reduce([surfaces.find_passing(kind)[0] for kind in RAY_KINDS])
         passes |= surfaces.find_glass() | surfaces.find_through()
-        return cls(by_material, find_sealed(snapshot, shines, passes))
+        dark = np.array([one.dark_back for one in snapshot.materials], bool)[snapshot.tri_material]
+        return cls(by_material, find_sealed(snapshot, shines, passes) | dark)
 
 
 @dataclass(frozen=True)
 class MeshEmitter(Emitter):
     """Emitting triangles of one material, on both sides.
 
-    sides        (n_cell,) int8                    1 if light from its back is never seen, see sealed_solids; else 2
+    sides        (n_cell,) int8                    1 if there is no light from its back, or it is never seen; else 2
     tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
     tri_normal   (3, n_tri) float32, unit
     """

@@ -49,6 +49,7 @@ class LightProbe:
         blocks &= ~np.array([_lets_light_pass(one) for one in snapshot.materials], bool)[snapshot.tri_material]
         # Other triangles lose their area, so that they are never hit but all keep their numbers.
         self._rays = RayScene(self.box.to_unit(np.where(blocks[:, None, None], self._corner, self._corner[:, :1])))
+        self._dark_back = np.array([one.dark_back for one in snapshot.materials], bool)[snapshot.tri_material]
         self._lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
         sky = snapshot.world_map if snapshot.world_map is not None else np.array(snapshot.world_rgb)
         self._sky = float(np.mean(sky)) if np.isfinite(sky).all() else 0.0
@@ -106,7 +107,8 @@ class LightProbe:
                 break
             third = third[: len(met)]
             albedo = self._surfaces.albedo_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
-            throughput = throughput[met] * albedo
+            back = self._surfaces.dim_back(seen.tri[met], seen.is_front[met])
+            throughput = throughput[met] * albedo * (1.0 if back is None else back.mean(axis=0))
             rows, point, side = rows[met], seen._place[met], seen._side[met]
             if self._surfaces.has_through:
                 through = self._surfaces.through_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
@@ -124,7 +126,7 @@ class LightProbe:
         return tri, radiance[tri], power[tri] / power[-1] if len(tri) else power[:0]
 
     def _from_glow(self, point: Float32, side: Float32) -> Float64:
-        """(n,) W/m^2, by one shadow ray each to a point of a glowing triangle, chosen by power; surfaces glow on both sides."""
+        """(n,) W/m^2, by one shadow ray each to a point of a glowing triangle, chosen by power."""
         tri, radiance, sums = self._glowing
         out = np.zeros(len(point))
         if not len(tri):
@@ -140,7 +142,9 @@ class LightProbe:
         blocked = self._rays.occluded(offset_origin(point[seen], side[seen]), direction[seen], distance[seen] * _NEAR_ENOUGH)
         seen = seen[~blocked]
         distance_m = distance[seen] / self.box.scale
-        form = facing[seen] * np.abs(dot_rows(direction[seen], normal[seen])) / distance_m.astype(np.float64) ** 2
+        sent = -dot_rows(direction[seen], normal[seen])
+        sent = np.where(self._dark_back[tri[chosen[seen]]], np.maximum(sent, 0.0), np.abs(sent))
+        form = facing[seen] * sent / distance_m.astype(np.float64) ** 2
         area = self.area[tri[chosen[seen]]]
         out[seen] = np.minimum(form * area, _MOST_FORM) / share[seen] * radiance[chosen[seen]]
         return out

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..util.arrays import FloatArray, IntArray
-from ..util.geometry import gather, locate_hits, triangle_frames
+from ..util.geometry import gather, locate_hits, triangle_frames, triangle_normals_areas
 from .scene import DIFFUSE, GLOSSY, MAX_ALBEDO, RAY_KINDS, SEEN_BY_ALL, SHADOW, TRANSMISSION, Material, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
@@ -86,6 +86,9 @@ class SurfaceMaterials:
             self._metal = replace(self._metal, **_fill(self._metal, unseen, 0.0))
             self._through = replace(self._through, **_fill(self._through, unseen, 0.0))
             self._reflecting = replace(self._albedo, **_fill(self._albedo, unseen, 0.0))
+        back_rgb = np.array([one.back_rgb for one in materials], np.float32).reshape(-1, 3)
+        self._tri_back = None if (back_rgb == 1).all() else np.ascontiguousarray(back_rgb[scene.tri_material].T)
+        self._views = _Views.of(scene)
         self._tri_through: NDArray[np.bool_] = self._through.tri_rgb.any(axis=0)
         self.has_through = bool(self._tri_through.any())
 
@@ -147,14 +150,20 @@ class SurfaceMaterials:
         """(n_tri,) bool: triangles of glass that rays between surfaces see."""
         return self._tri_glass
 
-    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, kind: int) -> NDArray[np.float32]:
+    def dim_back(self, tri: IntArray, is_front: NDArray[np.bool_]) -> NDArray[np.float32] | None:
+        """(3, n): factors on what triangles (n,) reflect of light on their fronts, is_front (n,), or backs; None where all are 1."""
+        return None if self._tri_back is None else np.where(is_front, np.float32(1), gather(self._tri_back, tri))
+
+    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, kind: int, toward: FloatArray) -> NDArray[np.float32]:
         """Share of light that goes straight on through a surface, within [0, 1].
 
         tri      (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
         kind     SHADOW for light straight from a lamp; for light between surfaces the kind of ray in Cycles, which starts at the receiver
+        toward   (3, n) float, unit: directions in which the light goes on
         out      (n, 3) float32; its transpose is contiguous
         """
-        return self._passing[kind].at(tri, u, v)
+        rgb = self._passing[kind].at(tri, u, v)
+        return rgb if self._views is None else np.minimum(rgb.T * self._views.look_up(tri, toward), 1).T
 
     @property
     def has_two_passings(self) -> bool:
@@ -165,6 +174,8 @@ class SurfaceMaterials:
         """(n_tri,) bool each: triangles that light may pass through, and those that transmit all light everywhere."""
         layer = self._passing[kind]
         passes, whole = layer.tri_rgb.any(axis=0), (layer.tri_rgb == 1).all(axis=0)
+        if self._views is not None:
+            whole &= self._views.tri_row < 0
         return passes, whole if layer.tri_image is None else whole & (layer.tri_image < 0)
 
     def find_void(self) -> NDArray[np.bool_]:
@@ -173,6 +184,43 @@ class SurfaceMaterials:
         for kind in RAY_KINDS:
             void &= self.find_passing(kind)[1]
         return void
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Transmittances that differ by the direction to the viewer: Material.passing_views.
+
+    tri_row   (n_tri,) int32: row of `factor`, -1 for none
+    normal    (3, n_tri) float32, unit
+    factor    (n_row, 2, k) float32
+    """
+
+    tri_row: NDArray[np.int32]
+    normal: NDArray[np.float32]
+    factor: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, scene: SceneSnapshot) -> _Views | None:
+        """None if no material has any."""
+        has = np.array([bool(one.passing_views) for one in scene.materials], bool)
+        if not has[scene.tri_material].any():
+            return None
+        row = np.where(has, np.cumsum(has) - 1, -1).astype(np.int32)
+        factor = np.array([one.passing_views for one in scene.materials if one.passing_views], np.float32)
+        normal = np.ascontiguousarray(triangle_normals_areas(scene.tri_position)[0].T, np.float32)
+        return cls(row[scene.tri_material], normal, factor)
+
+    def look_up(self, tri: IntArray, toward: FloatArray) -> NDArray[np.float32]:
+        """(n,): factors of triangles (n,) for light that goes on in directions (3, n), unit."""
+        row = gather(self.tri_row, tri)
+        cosine = np.einsum("kn,kn->n", gather(self.normal, tri), toward)
+        last = self.factor.shape[2] - 1
+        place = np.minimum(np.abs(cosine), 1) * last
+        low = np.minimum(place.astype(np.intp), last - 1)
+        of_side = self.factor[row, (cosine > 0).astype(np.intp)]
+        every = np.arange(len(row))
+        below, above = of_side[every, low], of_side[every, low + 1]
+        return np.where(row < 0, np.float32(1), below + (above - below) * (place - low)).astype(np.float32)
 
 
 def find_ray_kinds(materials: Sequence[Material]) -> tuple[int, int, int]:

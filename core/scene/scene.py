@@ -74,6 +74,11 @@ class Material:
     # Shares of reflected and refracted light, and of emission, that diffuse, glossy and transmission rays see.
     seen_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
     glow_rgb: tuple[Rgb, Rgb, Rgb] = SEEN_BY_ALL
+    # Factors on the transmittance from behind and in front, each at even steps of the cosine between the normal and the direction to the
+    # viewer from 0 to 1; () where it is alike from everywhere.
+    passing_views: tuple[tuple[float, ...], ...] = ()
+    back_rgb: Rgb = (1.0, 1.0, 1.0)  # factor on what the back reflects, relative to the front
+    dark_back: bool = False  # the back emits nothing
     normal_image: int = -1  # unit shading normals in world space instead of those at the corners; with normal_strength a normal map
     normal_strength: float | None = None  # of a normal map in tangent space, with values 0 to 1 as in its file, relative to tri_tangents
     metal_rgb: Rgb = (0.0, 0.0, 0.0)  # the part of the albedo that a metal reflects specularly
@@ -104,6 +109,11 @@ class Material:
     glass_ior: float = 1.5  # index behind the faces over that before them
     through_rgb: Rgb = (0.0, 0.0, 0.0)  # the part of the albedo that leaves diffusely on the other side
     through_image: int = -1
+
+    @property
+    def has_sides(self) -> bool:
+        """Whether its front and its back differ."""
+        return bool(self.passing_views) or self.back_rgb != (1.0, 1.0, 1.0) or self.dark_back
 
     @property
     def images(self) -> tuple[int, ...]:

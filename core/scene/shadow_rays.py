@@ -112,7 +112,7 @@ class ShadowRays:
                 break
             tri, u, v = gather(found.tri, met).astype(np.intp), gather(found.u, met), gather(found.v, met)
             left, distance = gather(left, met), gather(distance, met) - gather(found.distance, met)
-            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, self._kind).T
+            share = gather(rgb, left) * self._surfaces.passing_at(tri, u, v, self._kind, -gather(direction, met)).T
             rgb[:, left] = share
             on = share.any(axis=0).nonzero()[0]
             left, distance, direction = gather(left, on), gather(distance, on), gather(direction, gather(met, on))

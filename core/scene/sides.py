@@ -1,7 +1,8 @@
 """Choice of the side of a surface that its lightmap shows.
 
 A lightmap has one texel for both sides of a face. With Automatic it shows the front, as Cycles does, unless the front faces the dark inside
-of a solid and the back is lit: such a surface has flipped normals, and is turned before the bake begins.
+of a solid and the back is lit: such a surface has flipped normals, and is turned before the bake begins, unless its material tells its
+sides apart.
 """
 
 from __future__ import annotations
@@ -59,7 +60,8 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
         snapshot = replace(snapshot, objects=objects)
     free = np.array([side == AUTOMATIC and one.receives and not one.two_sided for one, side in zip(objects, chosen, strict=True)], bool)
     turned = np.zeros(snapshot.n_tri, bool)
-    tri = np.flatnonzero(free[snapshot.tri_object])
+    is_told_apart = np.array([one.has_sides for one in snapshot.materials], bool)[snapshot.tri_material]
+    tri = np.flatnonzero(free[snapshot.tri_object] & ~is_told_apart)
     if not len(tri):
         return SettledSides(snapshot, turned, ())
     parts = _Parts.of(snapshot, tri)

@@ -21,7 +21,7 @@ from ..util.job import Job
 from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
-FORMAT_VERSION = 10
+FORMAT_VERSION = 11
 _HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
 _ARRAYS = (

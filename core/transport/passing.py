@@ -49,21 +49,23 @@ class Passing:
         """
         place = gather(self.tri_passes[0], tri).nonzero()[0]
         tri, u, v = gather(tri, place), gather(u, place), gather(v, place)
-        passing = self.surfaces.passing_at(tri, u, v, DIFFUSE).T
+        toward = -gather(direction, place)
+        passing = self.surfaces.passing_at(tri, u, v, DIFFUSE, toward).T
         if self.surfaces.by_kind:
             kind = gather(kind, place)
             for other in (GLOSSY, TRANSMISSION):
                 own = (kind == other).nonzero()[0]
-                passing[:, own] = self.surfaces.passing_at(gather(tri, own), gather(u, own), gather(v, own), other).T
+                at_own = gather(tri, own), gather(u, own), gather(v, own)
+                passing[:, own] = self.surfaces.passing_at(*at_own, other, gather(toward, own)).T
         through = gather(share, place) * passing
         on = through.any(axis=0).nonzero()[0]
         tri, u, v, place = gather(tri, on), gather(u, on), gather(v, on), gather(place, on)
         at = locate_hits(self.tri_frame, tri, u, v)
         return place, leave_through(at, gather(direction, place), gather(self.tri_normal, tri)), gather(through, on)
 
-    def leave(self, tri: IntArray, u: _Rows, v: _Rows) -> _Rows:
-        """(3, n): share of a lamp's light that does not pass as a shadow ray would, so that refraction may carry it."""
-        left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, SHADOW).T
+    def leave(self, tri: IntArray, u: _Rows, v: _Rows, direction: _Rows) -> _Rows:
+        """(3, n): share of a lamp's light, in directions (3, n), that does not pass as a shadow ray would: refraction may carry it."""
+        left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, SHADOW, direction).T
         return left
 
     def go_on(
@@ -102,7 +104,7 @@ class Passing:
             return None
         tri, u, v, row, of_lamp = (gather(values, place) for values in (tri, u, v, hit, of_lamp))
         flux = gather(photons.flux, row)  # without soft falloff, which is applied anew at the next surface
-        share = self._share_at(tri, u, v, of_lamp)
+        share = self._share_at(tri, u, v, of_lamp, gather(photons.direction, row))
         if is_open is not None:
             share = np.where(gather(is_open, place), np.float32(1), share)
         seen = None
@@ -134,16 +136,17 @@ class Passing:
         seen = None if seen is None else gather(seen, on)
         return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link, seen)
 
-    def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_]) -> _Rows:
-        """(k, 3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light; for k kinds of rays, one
-        where all are alike.
+    def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_], direction: _Rows) -> _Rows:
+        """(k, 3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light, in directions (3, n); for k
+        kinds of rays, one where all are alike.
         """
         if not self.surfaces.by_kind and (not self.surfaces.has_two_passings or of_lamp.all()):
-            return self.surfaces.passing_at(tri, u, v, SHADOW).T[None]
+            return self.surfaces.passing_at(tri, u, v, SHADOW, direction).T[None]
         out = np.empty((3 if self.surfaces.by_kind else 1, 3, len(tri)), np.float32)
         from_lamp, other = of_lamp.nonzero()[0], (~of_lamp).nonzero()[0]
-        out[..., from_lamp] = self.surfaces.passing_at(gather(tri, from_lamp), gather(u, from_lamp), gather(v, from_lamp), SHADOW).T
-        tri, u, v = gather(tri, other), gather(u, other), gather(v, other)
+        of_these = gather(tri, from_lamp), gather(u, from_lamp), gather(v, from_lamp)
+        out[..., from_lamp] = self.surfaces.passing_at(*of_these, SHADOW, gather(direction, from_lamp)).T
+        of_others, direction = (gather(tri, other), gather(u, other), gather(v, other)), gather(direction, other)
         for kind, own in enumerate(out):
-            own[:, other] = self.surfaces.passing_at(tri, u, v, kind).T
+            own[:, other] = self.surfaces.passing_at(*of_others, kind, direction).T
         return out

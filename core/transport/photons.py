@@ -25,7 +25,7 @@ from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
 from ..scene.normal_maps import NormalMaps
 from ..scene.rays import RayScene
-from ..scene.scene import DIFFUSE, GLOSSY, SceneSnapshot
+from ..scene.scene import DIFFUSE, GLOSSY, MAX_ALBEDO, SceneSnapshot
 from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.ablation import uses
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
@@ -268,6 +268,9 @@ def _meet(
     if passed:
         log.passed += passed.power
         landed = landed - passed.power
+    back = scene.surfaces.dim_back(index, is_front)
+    if back is not None:
+        whole, glossy = replace(whole, flux=whole.flux * back), replace(glossy, flux=glossy.flux * back)
     splits = skip_first and not depth
     copies = _count_parts(splits)
     albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
@@ -289,6 +292,8 @@ def _meet(
     through = scene.surfaces.through_at(index, u, v).T / np.maximum(albedo, _TINY) if scene.surfaces.has_through else None
     if worth is not None:
         albedo = albedo * worth
+    if back is not None:
+        albedo = np.minimum(albedo * back, np.float32(MAX_ALBEDO))
     alive, count, flux = _play_roulette(flux, albedo, copies if splits else None, rng)
     normal = gather(normal, alive)
     normal *= -np.copysign(np.float32(1), gather(cosine, alive))  # the side that was hit

@@ -51,7 +51,7 @@ def bend_photons(
         place, flux = np.repeat(place, count), np.repeat(flux, count, axis=1)
     tri, u, v = gather(tri, place), gather(arrived.u, place), gather(arrived.v, place)
     if from_lamp is not None and scene.passing is not None:
-        flux = flux * np.where(gather(from_lamp, place), scene.passing.leave(tri, u, v), np.float32(1))
+        flux = flux * np.where(gather(from_lamp, place), scene.passing.leave(tri, u, v, gather(arrived.direction, place)), np.float32(1))
     direction = gather(arrived.direction, place)
     bent, side = _bend(scene, glass, tri, u, v, direction, gather(cosine, place), rng, of_light=True)
     scale = np.where(bent.crossed, bent.eta**-2, 1).astype(np.float32)

@@ -89,6 +89,31 @@ def test_a_checker_of_holes_lets_half_of_the_light_pass(tmp_path, direct):
     assert light == pytest.approx(np.full(3, 1.0), rel=0.01)
 
 
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+@pytest.mark.parametrize("name", ["hard sun", "lamp", "sky map"])
+def test_a_pane_lets_pass_what_its_side_toward_the_viewer_lets_pass(tmp_path, bare_light, name, direct):
+    """The floor below sees the back of the pane, or the inside of the box's; the box's faces look outwards."""
+    views = ((0.25,) * 5, (1.0,) * 5)
+    pane = Material("Pane", (0,) * 3, passing_rgb=(1,) * 3, passing_views=views)
+    light, _ = bake_floor(tmp_path, floor_below(pane, LIGHTS[name]), direct, 150_000)
+    assert light == pytest.approx(0.25 * bare_light(name), rel=5e-3 if direct == "rays" else 0.13)  # of 600 photons on the floor
+
+
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_a_back_reflects_and_glows_for_itself(tmp_path, direct):
+    """The lamp hangs between the black floor and the back of the pane, which glows upwards only."""
+    lamp = [Light("POINT", "Lamp", position_m=(0, 0, 0.5), power_rgb=(80.0,) * 3, radius_m=0.05)]
+
+    def bake(place, *rgb, **fields):
+        pane = Material("Pane", rgb or (0.8,) * 3, **fields)
+        return bake_floor(tmp_path / place, floor_below(pane, lamp), direct, 150_000)[0]
+
+    black, plain = bake("black", 0.0, 0.0, 0.0), bake("plain")
+    told_apart = bake("apart", back_rgb=(0.0, 0.5, 1.0), emission_rgb=(0.2,) * 3, dark_back=True)
+    assert (plain - black).min() > 0.02 * black.max()
+    assert (told_apart - black) / (plain - black) == pytest.approx([0.0, 0.5, 1.0], abs=0.04 if direct == "rays" else 0.1)
+
+
 def test_half_of_a_mesh_may_be_a_pane(tmp_path):
     """The other triangle of the same object stays opaque: a sun straight above lights one half of the floor."""
     scene = floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS["sun"])

@@ -42,8 +42,12 @@ itself has no lightmap.
 Translucent BSDFs send light on to their other side. A texel of such a surface shows the light on its front. Cycles' bake shows there the
 light of both sides, weighted by the colours: of a Translucent BSDF alone that of the back.
 
-Colours of images are multiplied by alpha and interpolated as in Cycles, but for large images, which have its mean. A material that tells
-front from back (*Backfacing*) is baked as its front on both sides; a warning names it, as it does a volume that is left out.
+Colours of images are multiplied by alpha and interpolated as in Cycles, but for large images, which have its mean. A volume is left out,
+and a warning names it.
+
+What a material shows by the direction to the viewer (*Fresnel*, *Layer Weight*, *Backfacing*) counts exactly for light that goes straight
+through, and by side, as the mean over all directions, for light that is reflected or emitted. A warning names a glow that differs by
+direction. Rough diffuse surfaces (Oren-Nayar) reflect the right amount of light, alike in all directions.
 
 Metals are as rough as an image says, and as much of a surface is metal, point by point; the roughness of a dielectric layer counts by its
 mean. The Principled BSDF's Specular Tint tints the edges of metals, and scales what its layer reflects straight on by the mean of its

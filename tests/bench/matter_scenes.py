@@ -122,6 +122,9 @@ class Scene:
         tree.links.new(self.map_image(lean)(tree), node.inputs["Color"])
         return node.outputs["Normal"]
 
+    def fresnel(self, tree: Any) -> Any:
+        return tree.nodes.new("ShaderNodeFresnel").outputs[0]
+
     def light_path(self, name: str) -> Callable[[Any], Any]:
         return lambda tree: tree.nodes.new("ShaderNodeLightPath").outputs[name]
 
@@ -241,6 +244,32 @@ def _around_a_lamp(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[]
     return build
 
 
+def _before_a_wall(make: Callable[[Scene], Callable[[Any], Any]], lean: float = 0.8) -> Callable[[], None]:
+    """A wall of 2 m stands on the floor, in a sun that shines on its front (with -0.8 on its back), and a lamp lights its back."""
+
+    def build() -> None:
+        scene = Scene()
+        scene.add_square("Wall", scene.shade("Wall", make(scene)), 1.0, (0, 0.5, 1), (1.5708, 0, 0))
+        scene.add_light("SUN", 3.0, (0, 0, 5), (lean, 0, 0), 0.1)
+        scene.add_light("POINT", 30.0, (0, 1.8, 1.5), size=0.1)
+
+    return build
+
+
+def _back(tree: Any) -> Any:
+    """1 on backs, 0 on fronts."""
+    return tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
+
+
+def _facing(tree: Any) -> Any:
+    return tree.nodes.new("ShaderNodeLayerWeight").outputs["Facing"]
+
+
+def _window(scene: Scene) -> Callable[[Any], Any]:
+    """A mirror over a Transparent BSDF, by Fresnel."""
+    return scene.mix(scene.fresnel, scene.node("BsdfTransparent"), scene.node("BsdfGlossy", Roughness=0.0))
+
+
 def _trick(scene: Scene) -> Callable[[Any], Any]:
     """Transparent for shadow rays, glass for all others."""
     return scene.mix(scene.light_path("Is Shadow Ray"), scene.node("BsdfGlass"), scene.node("BsdfTransparent"))
@@ -354,6 +383,16 @@ SCENES: dict[str, Callable[[], None]] = {
         "AREA",
     ),
     "rough Glossy BSDF": _beside_a_wall(lambda s: s.node("BsdfGlossy", Color=(0.8, 0.5, 0.3, 1), Roughness=0.9)),
+    "backs culled, lit in front": _before_a_wall(lambda s: s.mix(_back, s.diffuse(0.7, 0.3, 0.3), s.node("BsdfTransparent"))),
+    "backs culled, lit behind": _before_a_wall(lambda s: s.mix(_back, s.diffuse(0.7, 0.3, 0.3), s.node("BsdfTransparent")), -0.8),
+    "back of another colour": _before_a_wall(lambda s: s.mix(_back, s.diffuse(0.9, 0.1, 0.1), s.diffuse(0.1, 0.1, 0.9))),
+    "window by Fresnel, sun": _under_a_pane(_window),
+    "window by Fresnel, sky": _under_a_pane(_window, sky=True),
+    "mix by Fresnel": _beside_a_wall(lambda s: s.mix(s.fresnel, s.diffuse(0.6, 0.3, 0.2), s.node("BsdfGlossy", Roughness=0.3))),
+    "room, mix by Fresnel": _closed_room(lambda s: s.mix(s.fresnel, s.diffuse(0.8), s.node("BsdfGlossy", Roughness=0.3))),
+    "room, mix by Layer Weight": _closed_room(lambda s: s.mix(_facing, s.diffuse(0.8), s.diffuse(0.2))),
+    "rough diffuse wall": _beside_a_wall(lambda s: s.node("BsdfDiffuse", Color=(0.9, 0.7, 0.5, 1), Roughness=1.0)),
+    "rough diffuse room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.8, 0.8, 1), Diffuse_Roughness=1.0)),
     "metal room": _closed_room(lambda s: s.principled(Base_Color=(0.8, 0.6, 0.4, 1), Metallic=1.0, Roughness=0.4)),
 }
 # Scenes in which much light comes by caustics, which Cycles renders with more noise.

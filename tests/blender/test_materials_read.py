@@ -482,7 +482,69 @@ def test_a_holdout_is_black():
     assert (reading.material.albedo_rgb, reading.material.passing_rgb, warning) == ((0.0,) * 3, (0.0,) * 3, "")
 
 
-def test_a_volume_below_a_surface_and_a_side_that_is_not_read_are_named():
+def test_a_muted_node_that_nothing_feeds_leaves_the_value_where_it_leads():
+    """As Cycles bakes it under 5.0."""
+    tree = Tree()
+    invert = tree.add("Invert", Color=(0.1, 0.9, 0.1))
+    invert.mute = True
+    reading, _, _ = tree.show(tree.add("BsdfDiffuse", Color=(0.3, 0.2, 0.1))).read()
+    diffuse = next(node for node in tree.tree.nodes if node.type == "BSDF_DIFFUSE")
+    tree.tree.links.new(invert.outputs[0], diffuse.inputs["Color"])
+    reading, _, _ = tree.read()
+    assert reading.material.albedo_rgb == pytest.approx((0.3, 0.2, 0.1))
+
+
+@pytest.mark.parametrize(("shader", "color", "roughness"), [("BsdfDiffuse", "Color", "Roughness"), ("BsdfPrincipled", "Base Color", "")])
+def test_a_rough_diffuse_surface_reflects_less(shader, color, roughness):
+    tree = Tree()
+    node = tree.add(shader)
+    node.inputs[color].default_value = (0.8, 1.0, 0.0, 1.0)
+    node.inputs[roughness or "Diffuse Roughness"].default_value = 1.0
+    reading, _, warning = tree.show(node).read()
+    # E = 0.8328 (1 at white) of Oren-Nayar at roughness 1, plus what facets pass to each other, 0.8^3 E (1 - E) / (1 - 0.8 (1 - E))
+    assert reading.material.albedo_rgb == pytest.approx((0.7486, 1.0, 0.0), abs=1e-3)
+    assert warning == ""
+
+
+def test_reflections_that_are_not_round_are_named():
+    tree = Tree()
+    _, _, warning = tree.show(tree.add("BsdfPrincipled", Metallic=1.0, Anisotropic=0.5)).read()
+    assert "no Anisotropic" in warning
+
+
+def facing(tree, output="Facing", blend=0.5):
+    return tree.add("LayerWeight", Blend=blend).outputs[output]
+
+
+def test_what_differs_by_view_counts_by_its_mean_over_the_hemisphere():
+    tree = Tree()
+    mix = tree.add("MixShader")
+    tree.tree.links.new(facing(tree), mix.inputs[0])
+    for socket, grey in zip(mix.inputs[1:], (0.9, 0.3), strict=True):
+        tree.tree.links.new(tree.add("BsdfDiffuse", Color=(grey,) * 3).outputs[0], socket)
+    reading, _, warning = tree.show(mix).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.7,) * 3, abs=2e-3)  # 1 - cos has a mean of 1/3
+    assert warning == ""
+    ramp = tree.add("ValToRGB", Fac=facing(tree))
+    ramp.color_ramp.interpolation = "CONSTANT"
+    ramp.color_ramp.elements[1].position = 0.5
+    reading, _, _ = tree.show(tree.add("BsdfDiffuse", Color=ramp.outputs[0])).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.25,) * 3, abs=0.02)  # cosines below 1/2
+    reading, _, _ = tree.show(tree.add("BsdfDiffuse", Color=tree.add("Fresnel", IOR=1.5).outputs[0])).read()
+    assert reading.material.albedo_rgb == pytest.approx((0.0918,) * 3, abs=2e-3)
+
+
+def test_a_glow_is_known_to_leave_the_front_alone():
+    tree = Tree()
+    front = tree.add("Invert", Color=tree.add("NewGeometry").outputs["Backfacing"])
+    reading, _, warning = tree.show(tree.add("Emission", Strength=front.outputs[0])).read()
+    assert (reading.material.emission_rgb, reading.material.dark_back, warning) == ((1.0,) * 3, True, "")
+    reading, _, warning = tree.show(tree.add("Emission", Strength=facing(tree))).read()
+    assert not reading.material.dark_back
+    assert "in some directions more than in others" in warning
+
+
+def test_a_volume_below_a_surface_is_named_and_sides_are_told_apart():
     tree = Tree()
     side = tree.add("NewGeometry").outputs["Backfacing"]
     mixed = tree.add("MixShader")
@@ -492,7 +554,7 @@ def test_a_volume_below_a_surface_and_a_side_that_is_not_read_are_named():
     tree.tree.links.new(tree.add("VolumeAbsorption").outputs[0], tree.output.inputs["Volume"])
     reading, _, warning = tree.show(mixed).read()
     assert reading.material.albedo_rgb == pytest.approx((0.9, 0.1, 0.1))
-    assert "tells front from back" in warning
+    assert reading.material.back_rgb == pytest.approx((1 / 9, 1.0, 9.0))
     assert "its volume is left out" in warning
 
 

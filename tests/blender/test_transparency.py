@@ -70,13 +70,14 @@ class Tree:
         return export_scene(bpy.context)
 
 
-def passes(exported, kind, x=0.25):
-    """What passes the card at (x, 0.2) of its square, in its first triangle."""
+def passes(exported, kind, x=0.25, view=(0.0, 0.0, 1.0)):
+    """What passes the card at (x, 0.2) of its square, in its first triangle, to a viewer in a direction."""
     snapshot = exported.snapshot
     tri = next(i for i, one in enumerate(snapshot.tri_object) if snapshot.objects[one].name == "Card")
     surfaces = SurfaceMaterials(snapshot)
     # The first triangle has corners (0, 0), (1, 0), (1, 1).
-    return surfaces.passing_at(np.array([tri]), np.float32([x - 0.2]), np.float32([0.2]), kind)[0].tolist()
+    toward = np.float32([view]).T
+    return surfaces.passing_at(np.array([tri]), np.float32([x - 0.2]), np.float32([0.2]), kind, toward)[0].tolist()
 
 
 def test_alpha_is_a_share_that_passes_and_the_rest_reflects():
@@ -95,6 +96,30 @@ def test_alpha_may_come_from_an_image():
     assert passes(exported, SHADOW, x=0.3) == pytest.approx([0.75] * 3)
     assert passes(exported, SHADOW, x=0.8) == pytest.approx([0.0] * 3)
     assert all(one.receives for one in exported.snapshot.objects)
+
+
+def test_backs_that_are_culled_let_light_pass():
+    tree = Tree()
+    image = tree.image(0.25)
+    back = tree.add("NewGeometry").outputs["Backfacing"]
+    leaf = tree.add("BsdfPrincipled", Alpha=image.outputs["Alpha"], Base_Color=(0.5, 0.5, 0.5, 1))
+    exported = tree.wear(tree.mix(back, leaf, tree.add("BsdfTransparent")))
+    below = (0.0, 0.6, -0.8)
+    assert passes(exported, SHADOW, x=0.3, view=below) == passes(exported, DIFFUSE, x=0.8, view=below) == pytest.approx([1.0] * 3)
+    assert passes(exported, SHADOW) == pytest.approx([0.375] * 3, abs=1e-3), "the mean of its image, which lies on the front alone"
+    card = next(one for one in exported.snapshot.materials if one.name == "Leaf")
+    assert card.back_rgb == pytest.approx((0.0, 0.0, 0.0))
+    assert not card.dark_back
+
+
+def test_a_window_of_fresnel_mirrors_by_the_angle():
+    tree = Tree()
+    fresnel = tree.add("Fresnel", IOR=1.5)
+    exported = tree.wear(tree.mix(fresnel.outputs[0], tree.add("BsdfTransparent"), tree.add("BsdfGlossy", Roughness=0.0)))
+    steep = (0.0, 0.8660254, 0.5)
+    assert passes(exported, SHADOW) == pytest.approx([0.96] * 3, abs=1e-3)
+    assert passes(exported, SHADOW, view=steep) == pytest.approx([1.0 - 0.0892] * 3, abs=3e-3)
+    assert passes(exported, SHADOW, view=(0.0, 0.8660254, -0.5)) == pytest.approx([0.0] * 3, abs=1e-3), "seen from within, all is mirrored"
 
 
 def test_alpha_may_come_through_a_node():
