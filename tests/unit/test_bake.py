@@ -157,7 +157,7 @@ def test_a_damaged_snapshot_is_a_sentence(tmp_path):
     assert not list_files(tmp_path / "images")
 
 
-@pytest.mark.parametrize("place", ["file", "below a file", "/proc/self/images"])
+@pytest.mark.parametrize("place", ["file", "below a file", "/proc/self/images", "/proc/self"])
 def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path, place):
     (tmp_path / "note.txt").write_text("a user's own")
     output = {"file": tmp_path / "note.txt", "below a file": tmp_path / "note.txt" / "images"}.get(place, Path(place))
@@ -234,6 +234,13 @@ def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_p
     bake_folder(tmp_path / "rest", lamp_scene(), replace(settings, passes=("direct",)), resume=kept)
     one, other = (read_image(tmp_path / name / "images" / "room_0.direct.exr")[0] for name in ("all", "rest"))
     np.testing.assert_array_equal(one, other)
+
+
+def test_a_bake_that_has_no_state_leaves_none_of_an_earlier_one(tmp_path):
+    kept = tmp_path / "kept"
+    for passes, has_state in (("combined", True), ("albedo", False)):
+        bake_folder(tmp_path / passes, lamp_scene(), replace(QUICK, passes=(passes,)), keep=str(kept))
+        assert (read_info(kept) is not None) == has_state
 
 
 def test_a_state_that_cannot_be_kept_is_a_warning(tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from leaflight.core.filter.clip_light import clip_light
 from leaflight.core.radiosity import quadtree
-from trees import SquareBake
+from trees import SquareBake, current
 
 SIDE = 16
 
@@ -36,13 +36,23 @@ def test_a_plane_that_dips_below_zero_keeps_its_flux(quarters):
     assert np.ptp(light[shown] / before[shown]) < 1e-9
 
 
-def test_the_node_above_pays_for_a_leaf_that_is_below_zero_in_all(quarters):
-    bake, leaf, x, y = quarters
-    light = np.where((x < 8) & (y < 8), -1.0, 2.0)
-    flux = (light * bake.texels.texel_area).sum()
+@pytest.mark.parametrize(("dark", "other", "side"), [(-1.0, 2.0, 8), (-10.0, 2.0, 16), (-1.0, -10.0, 16)])
+def test_the_smallest_node_above_pays_for_a_leaf_that_is_below_zero_in_all(dark, other, side):
+    """A quarter for one of its leaves; the whole where a quarter is below zero too, and then all parts of it alike."""
+    bake = SquareBake(side=SIDE, preview_depth=1)
+    for _ in range(2):
+        bake.tree = quadtree.split(bake.tree, current(bake))
+        bake.grow()
+    leaf = quadtree.node_of_texel(bake.tree, current(bake), bake.n_texel)
+    x, y = bake.texels.texel_xy.T
+    before = np.select([(x < 4) & (y < 4), (x >= 12) & (y >= 12)], [dark, other], 2.0)
+    light = before.copy()
     clip_light(light, bake.texels.texel_area, leaf, bake.tree)
+    pays = (x < side) & (y < side)
     assert light.min() == 0.0
-    assert (light * bake.texels.texel_area).sum() == pytest.approx(flux)
+    assert find_flux(light, bake.texels, pays) == pytest.approx(find_flux(before, bake.texels, pays))
+    assert (light[~pays] == 2.0).all()
+    assert np.ptp(light[pays & (before > 0)]) < 1e-9
 
 
 def test_light_that_is_nowhere_above_zero_is_black(quarters):
