@@ -25,7 +25,7 @@ from .export_receivers import NO_ROOM, Receivers, check_names, describe_nothing,
 from .lamp_profile import ProfileTable
 from .left_out import warn_left_out
 from .light_linking import Linking, read_linking
-from .lights_read import PendingLight, read_lamp
+from .lights_read import PendingArea, PendingLight, read_lamp
 from .materials_read import MaterialTable
 from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
@@ -184,7 +184,7 @@ class SceneReading:
         self._names: set[str] = set()
         self._pieces: list[_FoundPiece] = []
         self._found: list[tuple[ExportedObject, SceneObject, PieceArrays, int]] = []
-        self._lamps: list[tuple[Light | PendingLight, Linking]] = []
+        self._lamps: list[tuple[Light | PendingLight | PendingArea, Linking]] = []
         self._lights: list[tuple[Light, Linking]] = []
         self._profiles: list[Any] = []
         self._curves: set[str] = set()
@@ -235,7 +235,7 @@ class SceneReading:
         """The last that needs Blender: lamps whose light differs by direction."""
         self._world, lights = world, []
         for found, linking in self._lamps:
-            parts = found.resolve(profiles, self._warnings) if isinstance(found, PendingLight) else [found]
+            parts = [found] if isinstance(found, Light) else found.resolve(profiles, self._warnings)
             lights += [(light, linking) for light in parts]
         self._lights = sorted(lights, key=lambda entry: (entry[0].name, entry[0].position_m))
         self._profiles = profiles.maps

@@ -17,7 +17,7 @@ from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import ImageTable
 from ..nodes.node_colors import BLACK, Rgb, multiply_rgb, to_rgb
 from ..nodes.node_ports import find_surface, uses_nodes
-from .lamp_profile import ProfileTable, describe_distance, needs_profile
+from .lamp_profile import ProfileTable, describe_distance, find_tiles, needs_profile
 from .render_levels import Warnings
 from .shaders_read import read_shader
 
@@ -57,16 +57,52 @@ class PendingLight:
         return [part for part in parts if max(part.power_rgb) > 0.0]
 
 
-def read_lamp(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> Light | PendingLight | None:
+@dataclass(frozen=True)
+class PendingArea:
+    """An area light whose emission differs over it, still to be evaluated; fields are as of PendingLight.
+
+    matrix   (4, 4) float, object to world
+    """
+
+    base: Light
+    data: Any
+    matrix: FloatArray
+    plain: Light | None
+    told: Warnings
+
+    def resolve(self, profiles: ProfileTable, warnings: Warnings) -> list[Light]:
+        """Rectangles of one emission each; none where nothing comes out."""
+        try:
+            tiles = find_tiles(self.data, self.base.size_m, profiles.scene, profiles.view_layer)
+        except RuntimeError:  # Cycles is missing, or busy
+            warnings.extend(self.told)
+            return [self.plain] if self.plain else []
+        area_m2 = self.base.size_m[0] * self.base.size_m[1] * (math.pi / 4 if self.base.shape == "ELLIPSE" else 1.0)
+        axes = self.matrix[:3, :2] / np.maximum(np.linalg.norm(self.matrix[:3, :2], axis=0), 1e-30)
+        whole = self.base.shape if len(tiles) == 1 else "RECTANGLE"
+        lights = []
+        for centre, size_m, emission in tiles:
+            share = 1.0 if len(tiles) == 1 else size_m[0] * size_m[1] / area_m2
+            power = to_rgb(np.array(self.base.power_rgb) * emission * share)
+            if max(power) > 0.0:
+                place = to_rgb(self.matrix[:3, 3] + axes @ centre)
+                lights.append(replace(self.base, shape=whole, position_m=place, size_m=size_m, power_rgb=power))
+        return lights
+
+
+def read_lamp(obj: Any, matrix: FloatArray, name: str, warnings: Warnings) -> Light | PendingLight | PendingArea | None:
     """As read_light, or what is still to be evaluated of a light that differs by direction."""
     data = obj.data
     scale = to_rgb(np.linalg.norm(np.asarray(matrix, np.float64)[:3, :3], axis=0))
     replaced = _read_nodes(data)[1] if uses_nodes(data) else []
-    if not needs_profile(data, scale, replaced):
+    is_area = data.type == "AREA" and bool(replaced)
+    if not is_area and not needs_profile(data, scale, replaced):
         return read_light(obj, matrix, name, warnings)
     told: Warnings = []
     plain = read_light(obj, matrix, name, told)
     base = read_light(obj, matrix, name, warnings, (1.0, 1.0, 1.0))
+    if is_area:
+        return PendingArea(base, data.original, np.asarray(matrix, np.float64), plain, told) if base else None
     return PendingLight(base, data.original, scale, plain, told) if base else None
 
 
@@ -74,7 +110,8 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emis
     """The light of an evaluated light object; None where it gives none.
 
     matrix     (4, 4) float, object to world
-    emission   what its nodes and cone let out on average, of a lamp that has a profile; it then is a point; None to read them
+    emission   what its nodes and cone let out on average, of a lamp that has a profile, which then is a point unless it is an area light;
+               None to read them
     """
     data = obj.data
     matrix = np.asarray(matrix, np.float64)
@@ -97,7 +134,7 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emis
     if data.cycles.max_bounces < _ANY_BOUNCES:
         warnings.append((name, f"the light's Max Bounces ({data.cycles.max_bounces}) is left out: its light bounces as often as all light"))
     light = Light(
-        kind="POINT" if emission else data.type,
+        kind="POINT" if emission and data.type != "AREA" else data.type,
         name=name,
         position_m=to_rgb(matrix[:3, 3]),
         rotation=_find_axes(matrix),

@@ -27,6 +27,7 @@ from .world_cache import MapCache, print_light
 # Seen by diffuse surfaces, which all receivers are; a ray is as long as it likes.
 LIGHT_PATH = {"Is Diffuse Ray": 1.0, "Is Reflection Ray": 1.0, "Ray Length": 1e5, "Ray Depth": 1.0, "Diffuse Depth": 1.0}
 _WORLD: Mapping[str, Any] = {"type": "ENVIRONMENT"}
+_MIRROR: Mapping[str, Any] = {"type": "GLOSSY", "pass_filter": {"DIRECT", "INDIRECT"}}
 _LIGHTING: Mapping[str, Any] = {"type": "DIFFUSE", "pass_filter": {"DIRECT"}}
 _BALL_ROWS = 128  # of faces; chords are off by a fiftieth of a cell of 1,024 rows
 _POLE_RAD = 1e-3  # a quarter of a cell of 1,024 rows
@@ -57,6 +58,14 @@ class WorldBaker:
         lamp.matrix_world = matrix
         self._scene.collection.objects.link(lamp)
         return self._bake(*_make_ball(), size, samples, _LIGHTING)
+
+    def bake_area(self, data: Any, size_m: tuple[float, float], pixels: int) -> NDArray[np.float32]:
+        """(pixels, pixels, 3): the radiance of an area lamp of that size straight on, by its own x and y from its low left corner."""
+        lamp = self._keep(bpy.data.objects.new("Leaflight lamp", data))
+        self._scene.collection.objects.link(lamp)
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+        place = np.column_stack([(uv - 0.5) * size_m, np.full(4, -max(size_m))])
+        return self._bake(place, uv, np.arange(4)[None], (pixels, pixels), _SAMPLES, _MIRROR)
 
     def bake_spot(self, direction: FloatArray, half_angle_rad: float) -> Spot:
         """A square across a direction (3,), seen in fine cells."""
@@ -102,7 +111,9 @@ class WorldBaker:
         material = self._keep(bpy.data.materials.new("Leaflight world"))
         give_nodes(material)
         tree = material.node_tree
-        surface, end = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.get_output_node("CYCLES")
+        surface, end = tree.nodes.new(f"ShaderNodeBsdf{'Glossy' if what is _MIRROR else 'Diffuse'}"), tree.get_output_node("CYCLES")
+        if what is _MIRROR:
+            surface.inputs["Roughness"].default_value = 0.0
         tree.links.new(surface.outputs["BSDF"], (end or tree.nodes.new("ShaderNodeOutputMaterial")).inputs["Surface"])
         node = tree.nodes.new("ShaderNodeTexImage")
         node.image, node.select = image, True

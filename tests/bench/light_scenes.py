@@ -136,6 +136,17 @@ def _use_gobo(data: Any) -> None:
     tree.links.new(node.outputs["Color"], emission.inputs["Color"])
 
 
+def _use_picture(data: Any) -> None:
+    """A picture of four fields over an area lamp."""
+    tree, emission = _use_tree(data)
+    node, place = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeNewGeometry")
+    fields = np.array([[(1.0, 0.2, 0.1), (0.1, 0.3, 2.0)], [(1.0, 0.2, 0.1), (5.0, 5.0, 5.0)]])
+    node.image = _add_picture("Fields", fields.repeat(8, axis=0).repeat(8, axis=1))
+    tree.links.new(place.outputs["Parametric"], node.inputs["Vector"])
+    tree.links.new(node.outputs["Color"], emission.inputs["Color"])
+    data.size = 1.0
+
+
 def _use_falloff(data: Any) -> None:
     tree, emission = _use_tree(data)
     node = tree.nodes.new("ShaderNodeLightFalloff")
@@ -273,6 +284,7 @@ SCENES: dict[str, Callable[[], None]] = {
     "sun lamp": _below_a_lamp(kind="SUN", power=3.0),
     "area lamp, disk": _below_a_lamp(lambda data: setattr(data, "shape", "DISK"), "AREA"),
     "area lamp, spread": _below_a_lamp(lambda data: setattr(data, "spread", 1.5), "AREA"),
+    "area lamp with a picture": _below_a_lamp(_use_picture, "AREA"),
     "IES lamp": _below_a_lamp(_use_profile, power=1.0),
     "spot with a picture": _below_a_lamp(_use_gobo, "SPOT", 200.0),
     "Light Falloff": _below_a_lamp(_use_falloff),

@@ -8,8 +8,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from leaflight.addon.read.lamp_profile import ProfileTable
-from leaflight.addon.read.lights_read import PendingLight, read_lamp
+from leaflight.addon.read.lights_read import read_lamp
+from leaflight.core.scene.scene import Light
 from leaflight.core.util.sphere_map import find_cells, find_solid_angles
+from mathutils import Matrix
 
 pytestmark = pytest.mark.usefixtures("empty_file")
 
@@ -41,7 +43,7 @@ def read(lamp, warnings=None):
     warnings = [] if warnings is None else warnings
     evaluated = lamp.evaluated_get(bpy.context.evaluated_depsgraph_get())
     found, table = read_lamp(evaluated, np.array(lamp.matrix_world), "Lamp", warnings), ProfileTable(bpy.context.scene)
-    return (found.resolve(table, warnings) if isinstance(found, PendingLight) else [found]), table.maps
+    return ([found] if isinstance(found, Light) else found.resolve(table, warnings)), table.maps
 
 
 def look(profile, *directions):
@@ -51,6 +53,43 @@ def look(profile, *directions):
 
 def mean_of(profile):
     return float((profile * find_solid_angles(*profile.shape)[:, None]).sum() / (4 * math.pi))
+
+
+def paint_area(shape, pixels):
+    """An area lamp of 2 m x 1 m, turned and moved, whose emission is an image (h, w, 3) by its own coordinates."""
+    lamp = add_lamp("AREA", shape=shape, size=2.0, size_y=1.0)
+    lamp.matrix_world = Matrix.Translation((1.0, 2.0, 3.0)) @ Matrix.Rotation(math.pi / 2, 4, "Z")
+    tree, emission = use_tree(lamp)
+    image = bpy.data.images.new("Picture", pixels.shape[1], pixels.shape[0], float_buffer=True)
+    image.colorspace_settings.name = "Linear Rec.709"
+    image.pixels.foreach_set(np.concatenate([pixels, np.ones((*pixels.shape[:2], 1))], axis=2).astype(np.float32).ravel())
+    node, place = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new("ShaderNodeNewGeometry")
+    node.image, node.interpolation, node.extension = image, "Closest", "EXTEND"
+    tree.links.new(place.outputs["Parametric"], node.inputs["Vector"])
+    tree.links.new(node.outputs["Color"], emission.inputs["Color"])
+    return lamp
+
+
+def test_a_picture_on_an_area_lamp_is_made_of_rectangles():
+    warnings = []
+    lights, _ = read(paint_area("RECTANGLE", np.array([[[1.0, 0, 0], [0, 2.0, 0]]])), warnings)
+    power = np.array([light.power_rgb for light in lights])
+    assert power.sum(axis=0) == pytest.approx([50.0, 100.0, 0.0], rel=2e-3)  # of 100 W, each colour on its half
+    assert sum(light.size_m[0] * light.size_m[1] for light in lights) == pytest.approx(2.0, rel=0.02)
+    place = np.average([light.position_m for light in lights], axis=0, weights=power[:, 0])
+    other = np.average([light.position_m for light in lights], axis=0, weights=power[:, 1])
+    # Its x is the world's y. Cycles counts the first coordinate of a lamp from its end.
+    assert sorted([place[1], other[1]]) == pytest.approx([1.5, 2.5], abs=0.02)
+    assert place[[0, 2]] == pytest.approx([1.0, 3.0], abs=0.02)
+    assert warnings == []
+
+
+def test_an_even_disk_stays_one_lamp_and_a_painted_one_has_its_power():
+    (light,), _ = read(paint_area("ELLIPSE", np.full((1, 1, 3), 0.5)))
+    assert (light.shape, light.power_rgb) == ("ELLIPSE", pytest.approx((50.0,) * 3, rel=2e-3))
+    lights, _ = read(paint_area("ELLIPSE", np.array([[[0.5] * 3], [[1.5] * 3]])))
+    assert 4 < len(lights) <= 64
+    assert sum(light.power_rgb[0] for light in lights) == pytest.approx(100.0, rel=0.01)
 
 
 def test_a_plain_lamp_has_none():
