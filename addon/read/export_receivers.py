@@ -167,7 +167,7 @@ def _moves_layer(modifier: Any) -> bool:
 
 
 def _describe(modifier: Any) -> str:
-    return {"NODES": "geometry nodes", "SUBSURF": "subdivision modifier"}.get(modifier.type) or modifier.bl_rna.name.lower()
+    return {"NODES": "geometry nodes modifier", "SUBSURF": "subdivision modifier"}.get(modifier.type) or modifier.bl_rna.name.lower()
 
 
 _LAYER_KEEPING = frozenset(("SUBSURF", "MULTIRES", "TRIANGULATE", "EDGE_SPLIT", "MASK", "DECIMATE", "WELD", "BEVEL", "BUILD"))

@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import make_geometry_nodes
 from leaflight.addon.read.export_pieces import walk_pieces
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
@@ -98,11 +99,15 @@ def test_modifiers_that_only_move_vertices_need_no_copy(kind, properties):
         ("SOLIDIFY", "its solidify modifier repeats the UV layer; a copy"),
         ("SUBSURF", "its subdivision modifier changes its faces; a copy"),
         ("BEVEL", "its bevel modifier changes its faces; a copy"),
+        ("NODES", "its geometry nodes modifier changes its faces; a copy"),
     ],
 )
 def test_modifiers_that_make_faces_need_a_copy(kind, text):
     obj = add_plane("Fence")
-    add_modifier(obj, kind, **({"affect": "VERTICES"} if kind == "BEVEL" else {}))
+    wanted = {"affect": "VERTICES"} if kind == "BEVEL" else {}
+    if kind == "NODES":
+        wanted["node_group"], _ = make_geometry_nodes("GeometryNodeSubdivideMesh")
+    add_modifier(obj, kind, **wanted)
     result = export()
     scene_object, exported = by_name(result)["Fence"]
     assert exported.needs_copy
