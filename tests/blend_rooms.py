@@ -95,6 +95,17 @@ def make_material(name: str) -> Any:
     return material
 
 
+def make_geometry_nodes(kind: str) -> tuple[Any, Any]:
+    """A group for a Geometry Nodes modifier that passes the geometry through one node of a kind; with that node."""
+    tree = bpy.data.node_groups.new("Geometry Nodes", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    given, node, result = (tree.nodes.new(name) for name in ("NodeGroupInput", kind, "NodeGroupOutput"))
+    tree.links.new(given.outputs[0], node.inputs[0])
+    tree.links.new(node.outputs[0], result.inputs[0])
+    return tree, node
+
+
 def save_scene(path: Path) -> Path:
     """Save the open scene."""
     bpy.ops.wm.save_as_mainfile(filepath=str(path))

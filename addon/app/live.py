@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..read.tags import LIVE, STANDS_FOR, is_made, local_objects
+from ..read.steps import Steps, run_steps
+from ..read.tags import LIVE, STANDS_FOR, is_made, local_objects, remove_blocks
 from ..show import images, materials_write, restore
 from ..show.layout import Layout, worn_digest, worn_images, worn_warnings
 from . import session
@@ -29,7 +30,14 @@ class LiveView:
         self._warnings: session.Warnings = []  # of putting the light on the objects
 
     def show(self, context: bpy.types.Context, paths: dict[int, str]) -> None:
-        """Bring the objects of the scene that is baked up to date; `paths` are those of core.messages.Preview."""
+        """`show_steps` at once."""
+        run_steps(self.show_steps(context, paths))
+
+    def show_steps(self, context: bpy.types.Context, paths: dict[int, str]) -> Steps[bool]:
+        """Bring the objects of the scene that is baked up to date, True; `paths` are those of core.messages.Preview.
+
+        The first light is put on in steps; closing the generator takes it off.
+        """
         for page, path in paths.items():
             try:
                 self._pages[page] = np.load(path)
@@ -39,18 +47,26 @@ class LiveView:
                 images.set_pixels(_find_image(page), self._pages[page])
         scene = context.scene
         if is_live(scene):
-            return
+            return True
         layout = self._layout = self._layout or session.get_layout(self._work)
         if len(self._pages) < layout.page_count:
-            return
+            return True
         if not restore.has_bake(scene):
-            self._warnings = session.show_pages(context, self._work, layout, self._make_images())
+            uid = scene.session_uid
+            try:
+                self._warnings = yield from session.show_pages(context, self._work, layout, self._make_images())
+            except GeneratorExit:
+                for one in [one for one in bpy.data.scenes if one.session_uid == uid]:  # none if it was deleted
+                    restore.remove_bake(one)
+                _remove_images()
+                raise
         elif worn_digest(scene) == layout.digest:
             self._warnings = worn_warnings(scene)
             self._was_hidden = not restore.is_preview_on(scene)
             _stand_in(scene, self._make_images())
             if self._was_hidden:
                 restore.toggle_preview(scene, True)
+        return True
 
     def finish(self, context: bpy.types.Context, result: dict[str, Any]) -> session.Warnings:
         """Put the result in place of the light so far; gives what could not be done."""
@@ -135,4 +151,4 @@ def _find_image(page: int) -> bpy.types.Image | None:
 
 
 def _remove_images() -> None:
-    bpy.data.batch_remove([image for image in bpy.data.images if is_live_image(image)])
+    remove_blocks([image for image in bpy.data.images if is_live_image(image)])

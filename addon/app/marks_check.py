@@ -81,7 +81,7 @@ def _ends(value: Any, block: Any) -> bool:
         if not isinstance(value, bpy.types.Material) or value in seen:
             return False
         seen.add(value)
-        value = value.get(materials_write.ORIGINAL) if tags.MADE in value else None
+        value = value.get(tags.ORIGINAL) if tags.MADE in value else None
     return True
 
 
@@ -136,7 +136,7 @@ _SHAPES: dict[str, tuple[Any, Callable[[Any, Any], Any]]] = {
     scene_prints.PRINTS: (bpy.types.Scene, _is_text),
     images.PAGE: (bpy.types.Image, _is_text),
     materials_write.BAKE: (bpy.types.Object, _is_bake),
-    materials_write.ORIGINAL: (bpy.types.Material, _ends),
+    tags.ORIGINAL: (bpy.types.Material, _ends),
     materials_write.ADDED_SLOT: (bpy.types.Mesh, _is_flag),
     restore.MISSING: (bpy.types.Scene, _is_text),
     layout.LAYOUT: (bpy.types.Scene, _is_layout),

@@ -1,37 +1,39 @@
-"""What goes before a bake beside Blender with a window: the scene is exported a little at a time, so that the window never stands still."""
+"""What Blender itself has to do for a bake beside its window, a little at a time, so that the window never stands still."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 from ..read.steps import Pause, Steps
-from .session import Session
+
+T = TypeVar("T")
 
 
-class Preparation:
-    """A session in the making. Where the scene changes between two steps, all is done again, at once.
+class Preparation(Generic[T]):
+    """The scene being read, or the first light being put on. Where the scene changes between two steps, all is done again, at once.
 
-    begin     gives the steps of a new session
+    begin     gives the steps anew
     version   a number that grows with every change of Blender's data
     holds     the scene must not change now: it looks as it is rendered, or is read
     is_long   the next step may take seconds: the world is read
     """
 
-    def __init__(self, begin: Callable[[], Steps[Session]], version: Callable[[], int]) -> None:
+    def __init__(self, begin: Callable[[], Steps[T]], version: Callable[[], int]) -> None:
         self._begin, self._version = begin, version
-        self._steps: Steps[Session] | None = None
+        self._steps: Steps[T] | None = None
         self._seen = 0
         self._is_whole = False
         self.holds, self.is_long = True, False
 
-    def advance(self, seconds: float) -> Session | None:
-        """Work for about so many seconds of this thread's processor, or without a pause; gives the session once it is there.
+    def advance(self, seconds: float) -> T | None:
+        """Work for about so many seconds of this thread's processor, or without a pause; gives the result once it is there.
 
         By the clock, little or nothing would be done on a machine that is busy, where Blender takes seconds between two calls.
 
-        Raises ValueError and OSError as `session.prepare` does.
+        Raises what the steps raise.
         """
         if self._version() != self._seen:
             self.give_back()
@@ -42,8 +44,8 @@ class Preparation:
             try:
                 pause = self._steps.send(sent)
             except StopIteration as end:
-                session: Session = end.value
-                return session
+                result: T = end.value
+                return result
             self.holds, self.is_long = pause not in (Pause.FREE, Pause.ASIDE), pause is Pause.LONG
             if not is_whole and (pause in (Pause.WAIT, Pause.LONG, Pause.ASIDE) or time.thread_time() >= until):
                 break

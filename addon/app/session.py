@@ -98,10 +98,7 @@ def prepare_steps(
     kept_maps = MapCache.beside(request.output, atlas_name, not request.settings.force)
     start = time.monotonic()
     began, limit = request.began or start, request.settings.time_limit
-    shown = restore.is_preview_on(scene)
-    if shown:  # an earlier bake must not be baked
-        restore.toggle_preview(scene, False)
-    try:
+    with restore.lift_bake(scene):
         until = began + limit if limit else math.inf
         image_file.load_ahead(library_paths())
         most = max(_SHOWN_TEXELS * request.settings.size, _LEAST_TEXELS)
@@ -112,9 +109,6 @@ def prepare_steps(
             for name, digest in walk_prints(scene, view_layer, {}):
                 prints[name] = digest
                 yield Pause.HOLD
-    finally:
-        if shown:
-            restore.toggle_preview(scene, True)
     marked = read_marked(scene)
     resume, keep = (str(path.resolve()) if path else "" for path in (request.resume, request.keep))
     blend = bpy.data.filepath or str(request.scene.resolve() if request.scene else "")
@@ -237,7 +231,7 @@ def assign(context: bpy.types.Context, session: Session, result: dict[str, Any])
     if restore.remove_bake(scene, part):
         context.view_layer.update()  # with thousands of objects it takes as long as all else here
     others = part is not None and restore.has_bake(scene)
-    warnings = show_pages(context, session, layout, load_pages(session.request, result))
+    warnings = run_steps(show_pages(context, session, layout, load_pages(session.request, result)))
     if others:
         warnings += restore.toggle_preview(scene, True)
     mark_bake(scene, session, result, baked)
@@ -270,21 +264,24 @@ def _find_part(session: Session, layout: Layout) -> set[bpy.types.Object]:
     return named | {obj for obj in export_scene.find_objects(baked) if obj is not None}
 
 
-def show_pages(context: bpy.types.Context, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]) -> Warnings:
-    """Put UV layers and these images on the baked objects, which carry no bake; gives what could not be done."""
+def show_pages(context: bpy.types.Context, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]) -> Steps[Warnings]:
+    """Put UV layers and these images on the baked objects, which carry no bake; gives what could not be done.
+
+    Whoever closes the generator takes off what was put on until then.
+    """
     export = session.export
     baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
     targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
     found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
     to_write = [(i, obj) for i, obj in found if not export.snapshot.objects[i].has_layer]
-    failed, told = write_layers(export, layout, to_write, session.request.settings.share_meshes)
+    failed, told = yield from write_layers(export, layout, to_write, session.request.settings.share_meshes)
     pairs = [(i, (obj, page_image[int(layout.object_page[i])])) for i, obj in found if i not in failed]
     ours = [pair for i, pair in pairs if not export.snapshot.objects[i].has_layer]
     theirs = [pair for i, pair in pairs if export.snapshot.objects[i].has_layer]
     warnings += told
     mode = _pick_mode(session.request)
-    warnings += materials_write.assign(ours, mode)
-    warnings += materials_write.assign(theirs, mode, session.request.uv_layer)
+    warnings += yield from materials_write.assign_steps(ours, mode, "")
+    warnings += yield from materials_write.assign_steps(theirs, mode, session.request.uv_layer)
     warnings += _warn_shared(context.scene, [obj for _, obj in found])
     mark_layout(context.scene, layout, page_image, warnings)
     return warnings

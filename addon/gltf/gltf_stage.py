@@ -16,9 +16,9 @@ from ...core.util.file_names import clean_name, make_unique
 from ..read.baked_copies import SOURCE, place_copy
 from ..read.export_pieces import Piece, walk_pieces
 from ..read.render_levels import evaluate_for_render
-from ..read.tags import NAME
+from ..read.tags import NAME, find_original
 from ..read.uv_layer import MAX_LAYERS, layer_name, read_place
-from ..show.materials_write import BAKE, Sentences, find_original
+from ..show.materials_write import BAKE, Sentences
 from ..show.node_groups import remove_unused_groups
 from . import gltf_materials, gltf_textures
 from .gltf_colors import GltfColors, has_gaps

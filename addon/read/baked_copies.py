@@ -13,7 +13,7 @@ import bpy
 from mathutils import Matrix
 
 from ..nodes.mesh_arrays import read_corner_vertices, read_positions
-from .tags import MADE, NAME, is_made, local_objects, mark_made, remove_mark, suffixed_name
+from .tags import MADE, NAME, is_made, local_objects, mark_made, remove_blocks, remove_mark, remove_unused, suffixed_name
 
 COPIES = "leaflight_copies"  # on our collection: the copies in it; a copy that the user duplicated is not among them
 SOURCE = "leaflight_source"  # on a copy: the object it stands for
@@ -173,8 +173,8 @@ def remove_copies(scene: bpy.types.Scene | None = None, part: Container[bpy.type
     collections = _our_collections(scene)
     copies = [copy for copy in _copies(collections) if part is None or find_source(copy) in part]
     meshes = {copy.data for copy in copies}
-    bpy.data.batch_remove(copies)
-    bpy.data.batch_remove([mesh for mesh in meshes if is_made(mesh) and mesh.users == 0])
+    remove_blocks(copies)
+    remove_unused(meshes)
     for collection in collections:
         if _copies([collection]):
             continue

@@ -21,6 +21,7 @@ from .export_pieces import CURVE, OWN, STRANDS, Piece
 from .materials_read import MaterialReading, MaterialTable
 from .render_levels import Warnings
 from .steps import Pause, Steps
+from .tags import find_original
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,12 @@ def _list_mappings(reading: MaterialReading) -> list[tuple[str, UvMapping | Colo
 
 
 def list_materials(evaluated: Any) -> list[Any]:
-    """The original material of each slot, None for an empty one; at least one."""
+    """The user's material of each slot, though it shows a bake; None for an empty one; at least one."""
     found = list(evaluated.data.materials)
     for index, slot in enumerate(evaluated.material_slots):
         if slot.link == "OBJECT" and index < len(found):
             found[index] = slot.material
-    return [material and material.original for material in found] or [None]
+    return [material and find_original(material.original) for material in found] or [None]
 
 
 def join_arrays(pieces: Sequence[PieceArrays]) -> Steps[dict[str, NDArray[Any]]]:

@@ -31,6 +31,7 @@ from .object_settings import BAKE, IGNORE, ObjectChoice, read_choice, registered
 from .render_levels import Warnings, evaluate_for_render, find_set_objects, find_view_layer
 from .steps import Pause, Steps, run_steps
 from .strands import read_strands
+from .tags import find_original
 from .uv_layer import has_room, name_ours
 from .world_cache import MapCache
 from .world_read import World, is_textured, read_world
@@ -195,9 +196,9 @@ class SceneReading:
         """Wait for the images that materials show, where there is something better to do meanwhile."""
         files = self._materials.images.files
         override = self._materials.override
-        slots = (slot.material for obj in view_layer.objects for slot in obj.material_slots)
+        worn = (find_original(slot.material) for obj in view_layer.objects for slot in obj.material_slots)
         files.begin(
-            [override] if override is not None else list({material.session_uid: material for material in slots if material}.values())
+            [override] if override is not None else list({material.session_uid: material for material in worn if material}.values())
         )
         while files.is_reading and (yield Pause.WAIT) is not None:
             pass
@@ -210,8 +211,9 @@ class SceneReading:
             if piece.is_mesh:
                 keys.append((piece.source, piece.kind, piece.evaluated.original))
             for slot in piece.evaluated.material_slots if piece.evaluated.type != "LIGHT" else ():
-                if slot.material is not None:
-                    worn.setdefault(slot.material.session_uid, slot.material)
+                material = find_original(slot.material and slot.material.original)
+                if material is not None:
+                    worn.setdefault(material.session_uid, material)
         self._receivers = Receivers(self._names_asked, keys, find_set_objects(view_layer), self._warnings)
         if self._materials.override is None:
             self._materials.images.files.begin(worn.values())

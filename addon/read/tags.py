@@ -5,12 +5,13 @@ Marks are custom properties: they survive saving, undo and duplication. Pointers
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import bpy
 
 MADE = "leaflight_made"  # on data-blocks and nodes we created: they may be deleted
+ORIGINAL = "leaflight_original"  # on our copy of a material: the user's; absent where the slot was empty
 NAME = "Leaflight"
 LIVE = "leaflight_live"  # on an image: its page of the bake that runs
 STANDS_FOR = "leaflight_stands_for"  # on such an image: that of the earlier bake, whose place it has taken
@@ -29,6 +30,13 @@ def mark_made(block: Any) -> None:
 def is_made(block: Any) -> bool:
     """Whether we created this data-block, in this file; False for None."""
     return block is not None and MADE in block and not block.library
+
+
+def find_original(material: bpy.types.Material | None) -> bpy.types.Material | None:
+    """The user's material behind ours; a material of the user's is its own original."""
+    while is_made(material):
+        material = material.get(ORIGINAL)
+    return material
 
 
 def local_objects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
@@ -55,7 +63,13 @@ def suffixed_name(name: str) -> str:
 
 def remove_unused(blocks: Iterable[Any]) -> None:
     """Deletes those of the data-blocks that we created and nothing uses."""
-    bpy.data.batch_remove([block for block in blocks if is_made(block) and block.users == 0])
+    remove_blocks([block for block in blocks if is_made(block) and block.users == 0])
+
+
+def remove_blocks(blocks: Sequence[Any]) -> None:
+    """Deletes data-blocks. Even for none of them, Blender would find all of the scene's relations anew: 0.3 s with 2,000 objects."""
+    if blocks:
+        bpy.data.batch_remove(blocks)
 
 
 def not_editable_error(obj: bpy.types.Object) -> str:

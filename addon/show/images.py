@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.util.settings import DEBUG_PASSES, Settings
-from ..read.tags import is_made, mark_made
+from ..read.tags import is_made, mark_made, remove_blocks
 from .page_store import find_folder, read_digest
 
 PAGE = "leaflight_page"  # on an image of a file that a bake may write over: digest of its content
@@ -98,7 +98,7 @@ def remove_unused_images() -> None:
     made = [image for image in bpy.data.images if is_made(image)]
     users_of = bpy.data.user_map(subset=made) if made else {}
     unused = [image for image in made if not image.use_fake_user and all(isinstance(user, bpy.types.Screen) for user in users_of[image])]
-    bpy.data.batch_remove(unused)
+    remove_blocks(unused)
 
 
 def follows_images(windows: Iterable[bpy.types.Window]) -> bool:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..read import baked_copies, uv_layer
 from ..read.export_scene import ExportResult
+from ..read.steps import Pause, Steps
 from . import materials_write
 from .layout import Layout
 
@@ -16,7 +17,7 @@ Sentences = list[tuple[str, str]]  # (subject, sentence)
 
 def write_layers(
     export: ExportResult, layout: Layout, objects: list[tuple[int, bpy.types.Object]], tell_copies: bool
-) -> tuple[set[int], Sentences]:
+) -> Steps[tuple[set[int], Sentences]]:
     """Gives meshes their layer, and which objects' could not be written, and why.
 
     objects       index in the snapshot, and who carries its lightmap
@@ -45,6 +46,7 @@ def write_layers(
             failed.add(i)
         elif block[i] >= 0:
             uv_layer.write_place(obj, layout.object_place[i])
+        yield Pause.HOLD
     return failed, warnings
 
 

@@ -11,21 +11,44 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..read.tags import NAME, is_made, local_objects, mark_made, not_editable_error, remove_mark, remove_unused, suffixed_name
+from ..read.steps import Pause, Steps, run_steps
+from ..read.tags import (
+    NAME,
+    ORIGINAL,
+    find_original,
+    is_made,
+    local_objects,
+    mark_made,
+    not_editable_error,
+    remove_mark,
+    remove_unused,
+    suffixed_name,
+)
 from ..read.uv_layer import ACTIVE, PLACE, activate_layer, layer_name, release_active
 from .images import find_path
 from .material_nodes import MODES, write_nodes
 from .node_groups import remove_unused_groups
 
 BAKE = "leaflight_bake"  # on an object: image, mode, uv_layer; and `slots`, what they held, while the bake is shown
-ORIGINAL = "leaflight_original"  # on our copy of a material: the user's; absent where the slot was empty
 ADDED_SLOT = "leaflight_added_slot"  # on a mesh that had no slot
 
 Sentences = list[tuple[str, str]]  # (subject, sentence)
 
 
-def assign(pairs: Iterable[tuple[bpy.types.Object, bpy.types.Image]], mode: str = "combined", uv_layer: str = "") -> Sentences:
+Pair = tuple[bpy.types.Object, bpy.types.Image]
+Copies = dict[tuple[Any, ...], bpy.types.Material]  # ours, by all that tells one from another
+
+
+def assign(pairs: Iterable[Pair], mode: str = "combined", uv_layer: str = "") -> Sentences:
+    """`assign_steps` at once."""
+    return run_steps(assign_steps(pairs, mode, uv_layer))
+
+
+def assign_steps(pairs: Iterable[Pair], mode: str, uv_layer: str) -> Steps[Sentences]:
     """Shows each image on its object, in place of any earlier bake, and gives what could not be done.
+
+    Materials are made in steps, and put on all objects in the last: after each step that changes a slot, Blender evaluates all of the
+    scene's relations anew, which takes longer than thousands of slots do.
 
     mode       combined: the image is all one sees; lighting: it lights the base colour; nodes: placed, but linked to nothing
     uv_layer   name of the layer the images are laid out in; "" is the layer we wrote
@@ -33,7 +56,8 @@ def assign(pairs: Iterable[tuple[bpy.types.Object, bpy.types.Image]], mode: str 
     if mode not in MODES:
         raise ValueError(f"mode: expected one of {', '.join(MODES)}, got {mode!r}")
     warnings: Sentences = []
-    copies: dict[tuple[Any, ...], bpy.types.Material] = {}
+    copies: Copies = {}
+    ready: list[tuple[bpy.types.Object, bpy.types.Image, str]] = []
     for obj, image in pairs:
         error = not_editable_error(obj)
         name = uv_layer or ("" if error else layer_name(obj.data))
@@ -42,6 +66,11 @@ def assign(pairs: Iterable[tuple[bpy.types.Object, bpy.types.Image]], mode: str 
         if error:
             warnings.append((obj.name, error))
             continue
+        for original in dict.fromkeys(find_original(slot.material) for slot in obj.material_slots) or [None]:
+            warnings += _provide(copies, obj, original, image, mode, name)[1]
+            yield Pause.HOLD
+        ready.append((obj, image, name))
+    for obj, image, name in ready:
         uncover(obj)
         obj[BAKE] = {"image": image, "mode": mode, "uv_layer": name if uv_layer else ""}
         warnings += _cover(obj, image, mode, name, copies)
@@ -54,7 +83,7 @@ def show(objects: Iterable[bpy.types.Object]) -> Sentences:
     warnings: Sentences = []
     missing: dict[bpy.types.Image, list[str]] = {}
     is_there: dict[bpy.types.Image, bool] = {}
-    copies: dict[tuple[Any, ...], bpy.types.Material] = {}
+    copies: Copies = {}
     for obj in local_objects(objects):
         if BAKE not in obj or is_shown(obj):
             continue
@@ -133,13 +162,6 @@ def _clear_mesh(mesh: bpy.types.Mesh) -> None:
             mesh.materials[index] = find_original(material)
 
 
-def find_original(material: bpy.types.Material | None) -> bpy.types.Material | None:
-    """The user's material behind ours; a material of the user's is its own original."""
-    while is_made(material):
-        material = material.get(ORIGINAL)
-    return material
-
-
 def release_meshes(meshes: Iterable[bpy.types.Mesh]) -> None:
     """Gives meshes what showing a bake took from them: the active UV layer, and no slot; not while an object shows a bake on them."""
     users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {mesh: [] for mesh in meshes if ADDED_SLOT in mesh or ACTIVE in mesh}
@@ -167,30 +189,38 @@ def _remove_added_slot(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> N
         mesh.polygons.foreach_set("material_index", material_index)
 
 
-def _cover(
-    obj: bpy.types.Object, image: bpy.types.Image, mode: str, uv_layer: str, copies: dict[tuple[Any, ...], bpy.types.Material]
-) -> Sentences:
+def _provide(
+    copies: Copies, obj: bpy.types.Object, original: bpy.types.Material | None, image: bpy.types.Image, mode: str, uv_layer: str
+) -> tuple[bpy.types.Material, Sentences]:
+    """Our copy of a material for an object, made where there is none yet, and what is to be told of making it."""
+    place = PLACE if PLACE in obj else ""
+    key = (original, image, uv_layer, place)
+    warnings: Sentences = []
+    if key not in copies:
+        copies[key] = _make_copy(original)
+        error = write_nodes(copies[key], image, uv_layer, mode, place)
+        if error:
+            subject = original.name if original else obj.name
+            warnings.append((subject, f"{subject}: {error}"))
+    return copies[key], warnings
+
+
+def _cover(obj: bpy.types.Object, image: bpy.types.Image, mode: str, uv_layer: str, copies: Copies) -> Sentences:
     warnings: Sentences = []
     if not obj.material_slots:
         obj.data.materials.append(None)
         obj.data[ADDED_SLOT] = True
     held: dict[str, dict[str, Any]] = {}
-    place = PLACE if PLACE in obj else ""
     for index, slot in enumerate(obj.material_slots):
         original, link = find_original(slot.material), slot.link
-        key = (original, image, uv_layer, place)
-        if key not in copies:
-            copies[key] = _make_copy(original)
-            error = write_nodes(copies[key], image, uv_layer, mode, place)
-            if error:
-                subject = original.name if original else obj.name
-                warnings.append((subject, f"{subject}: {error}"))
+        copy, told = _provide(copies, obj, original, image, mode, uv_layer)
+        warnings += told
         slot.link = "OBJECT"  # never the mesh's own slot: objects that share the mesh keep their materials
         pointers = {"original": original, "object_material": find_original(slot.material)}
         held[str(index)] = {"link": link} | {name: block for name, block in pointers.items() if block}
-        slot.material = copies[key]
+        slot.material = copy
     obj[BAKE]["slots"] = held
-    if not place:
+    if PLACE not in obj:
         activate_layer(obj.data, uv_layer)
     return warnings
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 
 import bpy
 
 from ..read import baked_copies, uv_layer
-from ..read.tags import MADE, is_made, local_objects, remove_mark, remove_marks
+from ..read.tags import MADE, find_original, is_made, local_objects, remove_blocks, remove_mark, remove_marks
 from . import images, materials_write
 from .layout import LAYOUT, SPARE
 from .node_groups import remove_unused_groups
@@ -65,6 +66,26 @@ def toggle_preview(scene: bpy.types.Scene, on: bool) -> materials_write.Sentence
     return []
 
 
+@contextmanager
+def lift_bake(scene: bpy.types.Scene) -> Iterator[None]:
+    """The user's own objects in place of our copies, to be read: an earlier bake must not be baked.
+
+    Slots stay as they are, for readers look behind our materials (`tags.find_original`), and Blender takes half a second to evaluate
+    thousands of changed ones. Only of objects with modifiers, which may depend on materials and on the active UV layer, are they changed.
+    """
+    lifted = {obj.session_uid for obj in local_objects(scene.objects) if obj.modifiers and materials_write.is_shown(obj)}
+    copies = any(baked_copies.SOURCE in obj and not obj.hide_viewport for obj in scene.objects)
+    materials_write.hide(obj for obj in scene.objects if obj.session_uid in lifted)
+    if copies:
+        baked_copies.set_copies_visible(scene, False)
+    try:
+        yield
+    finally:
+        if copies:
+            baked_copies.set_copies_visible(scene, True)
+        materials_write.show(obj for obj in scene.objects if obj.session_uid in lifted)
+
+
 def has_bake(scene: bpy.types.Scene) -> bool:
     """Whether any object of the scene carries a bake, shown or not."""
     return any(materials_write.BAKE in obj and not obj.library and not obj.override_library for obj in scene.objects)
@@ -84,10 +105,10 @@ def _remove_materials(everything: bool) -> None:
     """Deletes our copies; where the user put one somewhere else, its original takes its place."""
     made = [material for material in bpy.data.materials if is_made(material) and (everything or material.users == 0)]
     for material in made:
-        original = materials_write.find_original(material)
+        original = find_original(material)
         if material.users and original:
             material.user_remap(original)
-    bpy.data.batch_remove(made)
+    remove_blocks(made)
     remove_unused_groups()
 
 

@@ -20,8 +20,8 @@ from ..read import baked_copies
 from ..read.light_linking import list_linked
 from ..read.object_settings import IGNORE, read_choice
 from ..read.render_levels import find_render_objects
+from ..read.tags import find_original
 from ..read.uv_layer import layer_name
-from .materials_write import find_original
 
 Prints = dict[str, str]  # "OBJECT Lamp", "MATERIAL Wall" or "WORLD World" -> digest
 

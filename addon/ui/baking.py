@@ -52,7 +52,8 @@ class Baking:
     bl_options = frozenset({"UNDO"})  # not REGISTER: changing an operator's settings afterwards would bake again
 
     _folder: tempfile.TemporaryDirectory[str] | None = None
-    _preparation: Preparation | None = None
+    _preparation: Preparation[session.Session] | None = None
+    _showing: Preparation[bool] | None = None  # the first light, while it is put on
     _timer: Any = None
     _timer_seconds = 0.0
     _shown: tuple[str, str] = ("", "")
@@ -96,25 +97,39 @@ class Baking:
             state.cancel()
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
-            return {"PASS_THROUGH"}
+            return {"PASS_THROUGH"} if self._showing is None else {"RUNNING_MODAL"}
+        if self._showing is not None:
+            self._show_on(context, self._showing)
+            return {"RUNNING_MODAL"}
         self._ended = self._ended or state.drain()
         if isinstance(self._ended, Done) and session.has_result(self._session) and context.mode.startswith("EDIT") and not state.discarded:
             state.notice = "Leave Edit Mode to see the bake"
         elif self._ended:
             return self._finish(context, self._ended)
         elif state.previews and not context.mode.startswith("EDIT"):
-            paths = state.take_previews()
-            if self._find_scene():  # else the bake's end tells that it was deleted
-                with self._bake_scene(context):
-                    self._live.show(bpy.context, paths)
-                redraw(context, "WINDOW")
-            self._set_timer(context, _TIMER_SECONDS)
+            paths, showing = state.take_previews(), self._live
+            self._showing = Preparation(lambda: showing.show_steps(bpy.context, paths), _count_updates)
+            state.give_back = self._showing.give_back
+            self._show_on(context, self._showing)
         if state.progress:  # no first light came, or Edit Mode hides it
             self._set_timer(context, _TIMER_SECONDS)
         self._show(context)
         return {"PASS_THROUGH"}
 
-    def _follow_preparation(self, context: bpy.types.Context, event: bpy.types.Event, preparation: Preparation) -> set[str]:
+    def _show_on(self, context: bpy.types.Context, showing: Preparation[bool]) -> None:
+        """Go on with bringing the objects up to date. Until it is done nothing else reaches the scene, as while it is read."""
+        is_done = self._find_scene() is None  # which the bake's end tells
+        if not is_done:
+            with self._bake_scene(context):
+                is_done = showing.advance(_SLICE_SECONDS) is not None
+        if is_done:
+            self._showing = None
+            redraw(context, "WINDOW")
+            self._set_timer(context, _TIMER_SECONDS)
+
+    def _follow_preparation(
+        self, context: bpy.types.Context, event: bpy.types.Event, preparation: Preparation[session.Session]
+    ) -> set[str]:
         """While the scene is read, nothing reaches it: what the user does waits for half a second, or goes on beside."""
         state = get_state(context)
         if (event.type == "ESC" and event.value == "PRESS") or state.stopping or state.discarded:
@@ -136,6 +151,8 @@ class Baking:
         """Blender quits, opens a file, or closes the window; only then does it come to the timer, for data is not to be changed now."""
         if self._preparation is not None:  # of a window that closes: before a file is opened, the scene was put back already
             self._preparation.close()
+        if self._showing is not None:
+            self._showing.close()
         get_state(context).forget()
         self._clean_up(context)
         bpy.app.timers.register(live.take_off if self._live is None else self._live.take_off, first_interval=0.0)
@@ -271,6 +288,9 @@ class Baking:
             if self._preparation is not None:
                 self._preparation.close()
                 self._preparation = None
+            if self._showing is not None:
+                self._showing.close()
+                self._showing = None
             state.end(_FAULT)
             self._clean_up(context)
             live.take_off() if self._live is None else self._live.take_off()
@@ -298,6 +318,12 @@ class Baking:
             self._folder.cleanup()
             self._folder = None
         redraw(context, "UI")
+
+
+def _count_updates() -> int:
+    """Changes of Blender's data until now; what a step itself has changed is no news to the next."""
+    bpy.context.view_layer.update()
+    return int(bpy.context.window_manager.leaflight_meter.updates)
 
 
 def _clear_status_bar(context: bpy.types.Context) -> None:

@@ -6,7 +6,7 @@ No `from __future__ import annotations` here: Blender reads properties out of an
 import bpy
 
 from ...core.util.user_text import match_name, write_sentence
-from ..show.materials_write import find_original
+from ..read.tags import find_original
 
 
 class LEAFLIGHT_OT_select(bpy.types.Operator):

@@ -3,6 +3,7 @@
 import shutil
 import sys
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,36 @@ def test_an_earlier_bake_comes_back(start, hidden):
     assert finish(view, work) == []
     assert shown_image() == earlier
     assert len(bpy.data.images) == 1
+
+
+def test_the_first_light_put_on_in_steps_is_that_put_on_at_once(start):
+    work, paths = start()
+    view = live.LiveView(work)
+    view.show(bpy.context, paths[0])
+    at_once = dump()
+    view.take_off()
+    counted = sum(1 for _ in view.show_steps(bpy.context, paths[0]))
+    assert counted >= 4  # a mesh and a material of each of both objects
+    assert differences(at_once, dump()) == []
+
+
+@pytest.mark.parametrize("copies", [False, True])
+def test_the_first_light_is_taken_off_wherever_putting_it_on_ends(start, copies):
+    if copies:
+        bpy.data.objects["Cube"].modifiers.new("Mirror", "MIRROR")
+    before, touched = dump(), False
+    work, paths = start()
+    view, count = live.LiveView(work), 0
+    while True:
+        steps = view.show_steps(bpy.context, paths[0])
+        if len(list(islice(steps, count))) < count:
+            break  # it came to its end
+        touched = touched or bool(differences(before, dump()))
+        steps.close()
+        assert differences(before, dump()) == []
+        count += 1
+    assert touched
+    assert live.is_live(bpy.context.scene)
 
 
 def test_an_earlier_bake_of_another_layout_stays_until_the_end(start):

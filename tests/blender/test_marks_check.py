@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 from blend_dump import differences, dump
 from blend_rooms import bake, save_scene
 from leaflight.addon.app.marks_check import drop_broken_marks
-from leaflight.addon.show.materials_write import find_original
+from leaflight.addon.read.tags import find_original
 
 JUNK = [True, "junk", -1, [1, 2], {"name": 5}, {}, "[[["]
 # Where each mark belongs, and what else may not be in it.

@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 import leaflight
 from leaflight.addon.app import properties, request, session, words
+from leaflight.addon.read.steps import Pause
 from leaflight.addon.show import restore
 from leaflight.addon.ui import baking, panels
 from leaflight.core.util.messages import Preview, Progress, Status
@@ -216,7 +217,8 @@ def test_a_fault_while_the_light_is_shown_ends_the_bake(scene, state):
     class FakeLive:
         taken_off = False
 
-        def show(self, *_):
+        def show_steps(self, *_):
+            yield Pause.HOLD
             raise ValueError("planted")
 
         def take_off(self):
@@ -240,7 +242,7 @@ class Follower(baking.Baking):
     def __init__(self, state, monkeypatch):
         state.begin(SimpleNamespace(messages=lambda: iter(()), kill=lambda: None), time.monotonic(), [])
         self._ended, self.state, self.written = None, state, []
-        self._live = SimpleNamespace(show=lambda *_: self.written.append("light"))
+        self._live = SimpleNamespace(show_steps=self.put_on)
         self._scene_uid = bpy.context.scene.session_uid
         self.clock_s = 100.0
         monkeypatch.setattr(baking, "time", SimpleNamespace(monotonic=lambda: self.clock_s))
@@ -257,9 +259,17 @@ class Follower(baking.Baking):
             ),
         )
 
+    def put_on(self, *_):
+        yield Pause.WAIT
+        self.written.append("light")
+        return True
+
     def hear(self, message, after_s):
         self.clock_s += after_s
         self.state.hear(message)
+        self.tick()
+
+    def tick(self):
         self.modal(self.context, SimpleNamespace(type="TIMER", value="NOTHING"))
 
 
@@ -268,8 +278,22 @@ def test_it_is_looked_for_the_first_light_often_and_for_what_follows_seldom(stat
     follower._set_timer(follower.context, baking._FIRST_TIMER_SECONDS)
     for _ in range(3):
         follower.hear(Preview(0, "page.npy"), 1.0)
+        follower.tick()
     timers = [entry for entry in follower.written if entry != "Starting"]
     assert timers == [0.02, "light", "removed", 0.1, "light", "light"]
+
+
+def test_nothing_reaches_the_scene_while_light_is_put_on(state, scene, monkeypatch):
+    follower = Follower(state, monkeypatch)
+    event = SimpleNamespace(type="X", value="PRESS")
+    assert follower.modal(follower.context, event) == {"PASS_THROUGH"}
+    follower.hear(Preview(0, "page.npy"), 1.0)
+    assert follower.modal(follower.context, event) == {"RUNNING_MODAL"}
+    state.give_back()  # an undo or a save by a script; then all is done anew
+    assert "light" not in follower.written
+    follower.tick()
+    assert "light" in follower.written
+    assert follower.modal(follower.context, event) == {"PASS_THROUGH"}
 
 
 def test_where_no_first_light_comes_the_first_progress_ends_the_haste(state, scene, monkeypatch):

@@ -10,14 +10,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import list_files, open_room, save_scene
+from blend_rooms import list_files, make_geometry_nodes, make_material, open_room, save_scene
 from leaflight.addon.app import session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.job import library_paths
-from leaflight.addon.read import uv_layer
+from leaflight.addon.read import tags, uv_layer
 from leaflight.addon.show import restore
 from leaflight.core.bake.bake import run_bake
-from leaflight.core.scene.snapshot import load_snapshot
+from leaflight.core.scene.snapshot import list_arrays, load_snapshot
 from leaflight.core.util.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 
@@ -174,6 +174,45 @@ def test_an_earlier_bake_is_not_baked_and_stays_shown(request_, folder, tmp_path
     with pytest.raises(ValueError, match="no such object"):
         prepare(replace(request_, objects=("Cubus",)), folder)
     assert restore.is_preview_on(bpy.context.scene)
+
+
+def wear_unlike_materials():
+    """The cube by a slot of its own, the floor by none, and a grid whose half of one material Geometry Nodes lift."""
+    cube, paint, other = bpy.data.objects["Cube"], make_material("Paint"), make_material("Other")
+    cube.data.materials.append(other)
+    cube.material_slots[0].link, cube.material_slots[0].material = "OBJECT", paint
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=1, location=(0.0, 0.0, 3.0))
+    grid = bpy.context.object
+    for material in (paint, other):
+        grid.data.materials.append(material)
+    grid.data.polygons[1].material_index = 1
+    tree, lift = make_geometry_nodes("GeometryNodeSetPosition")
+    selection = tree.nodes.new("GeometryNodeMaterialSelection")
+    selection.inputs["Material"].default_value, lift.inputs["Offset"].default_value = paint, (0.0, 0.0, 0.5)
+    tree.links.new(selection.outputs[0], lift.inputs["Selection"])
+    grid.modifiers.new("Lift", "NODES").node_group = tree
+
+
+def note_slots():
+    """How each slot is linked, and whether it shows a bake, and over what."""
+    return {
+        obj.name: [(slot.link, tags.is_made(slot.material), tags.find_original(slot.material)) for slot in obj.material_slots]
+        for obj in bpy.data.objects
+    }
+
+
+@pytest.mark.parametrize("layer", ["", "UVMap"])  # of ours, of the user's
+def test_a_scene_that_wears_a_bake_is_read_as_without(request_, folder, tmp_path, layer):
+    wear_unlike_materials()
+    request, first = replace(request_, uv_layer=layer), tmp_path / "first"
+    first.mkdir()
+    clean = list_arrays(prepare(request, folder).export.snapshot)
+    bake(request, first)
+    shown = note_slots()
+    assert {"Cube", "Floor"} <= {name for name in shown if shown_images(name)}
+    again = list_arrays(prepare(request, folder).export.snapshot)
+    assert [name for name in clean if not np.array_equal(clean[name], again[name])] == []
+    assert note_slots() == shown
 
 
 def delete_cube():
