@@ -27,7 +27,8 @@ BLOCK = 32  # pixels along a side, over which noise is taken out
 ALIKE = 0.02  # mean difference of two pictures of one view, of 1
 OTHER = 0.04
 STILL = 0.002
-TRIES = 15
+PLAIN = 0.01  # standard deviation of a picture with nothing in it yet, of 1
+GIVE_UP_SECONDS = 600.0  # shaders compile by software, beside others' work
 
 
 def shade(kind: str) -> None:
@@ -39,11 +40,15 @@ def shade(kind: str) -> None:
 
 
 def picture(name: str) -> Iterator[float]:
-    """The middle of the view as means of blocks, 0 to 1, kept in PICTURE once it is the same twice: shaders compile meanwhile."""
-    for _ in range(TRIES):
+    """The middle of the view as means of blocks, 0 to 1, kept in PICTURE once it shows something and is the same twice.
+
+    Shaders compile meanwhile, and until the first of them has, the view is plain grey.
+    """
+    give_up = time.monotonic() + GIVE_UP_SECONDS
+    while time.monotonic() < give_up:
         yield from take_picture("earlier")
         yield from take_picture(name)
-        if differ("earlier", name) < STILL:
+        if differ("earlier", name) < STILL and PICTURE[name].std() > PLAIN:
             return
     print(f"{name}: the view does not come to rest", flush=True)
 
