@@ -15,9 +15,10 @@ from ..nodes.colors_read import ColorReader
 from ..nodes.node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, to_rgb
 from ..nodes.node_formulas import dim_rough
 from ..nodes.node_ports import Port, find_source
-from ..nodes.view_nodes import depends_on_view
+from ..nodes.view_nodes import depends_on_view, shows_view
 
 _NOTHING = Color(BLACK)
+_LEAST = 1e-5
 _NO_SUBSURFACE = "light below the surface comes out where it went in"
 
 
@@ -345,6 +346,9 @@ def _leave_out(reader: ColorReader, port: Port, albedo: Color, fraction: Color, 
 def _read_mix(reader: ColorReader, port: Port) -> Surface:
     first, second = _read_two(reader, port)
     factor = port.sibling("Fac") or port.sibling("Factor")
+    layered = None if factor is None else _read_layer(reader, factor, first, second)
+    if layered is not None:
+        return layered
     part = reader.read_factor(factor, 0.5)
     fraction = min(max(part.mean[0], 0.0), 1.0)
     linked = factor is not None and not factor.is_value
@@ -361,6 +365,30 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
         first.bending.times(1.0 - fraction).add(second.bending.times(fraction)),
         reader.blend(port, first.through, second.through, part, "through"),
     )
+
+
+def _read_layer(reader: ColorReader, factor: Port, below: Surface, above: Surface) -> Surface | None:
+    """A glossy shader mixed over a diffuse one by Fresnel's equations, which is a dielectric layer; None for any other mix.
+
+    The layer has the mean of the glossy colour's channels. What that takes from its reflection, the light below does not get.
+    """
+    name = "IOR" if factor.node.type == "FRESNEL" else "Blend"
+    source = factor.sibling(name)
+    if not (shows_view(factor) and factor.socket.name != "Facing") or reader.view is not None or source is None or not source.is_value:
+        return None
+    gloss = below.gloss
+    is_paint = not any(
+        (gloss.metal, gloss.layer, gloss.coat, *gloss.sheen_rgb, *below.passing.mean, *below.glass.mean, *below.emission.mean)
+    )
+    is_gloss = above.gloss.flat and above.albedo == above.metal and above.albedo.image < 0 and above.lobes is None
+    if not (is_paint and is_gloss) or gloss.diffuse < 1.0 or any(above.passing.mean):
+        return None
+    number = reader.read_number(source, 1.5)
+    ior = max(number if name == "IOR" else 1.0 / max(1.0 - number, _LEAST), 1.0)
+    share, mean = sum(_clip(above.albedo.rgb)) / 3.0, average_fresnel(ior)
+    other = above.gloss
+    layer = replace(gloss, layer=share, roughness=other.roughness, ior=ior, multiscatter=other.multiscatter, layer_tint=1.0)
+    return replace(below, albedo=below.albedo.times((1.0 - mean) / (1.0 - share * mean)), gloss=layer)
 
 
 def _read_add(reader: ColorReader, port: Port) -> Surface:

@@ -11,6 +11,7 @@ from blend_rooms import make_material
 from leaflight.addon.nodes.images_read import read_pixels
 from leaflight.addon.read.materials_read import MaterialTable
 from leaflight.core.output.image_file import srgb_to_linear
+from leaflight.core.scene.gloss import average_fresnel
 
 pytestmark = pytest.mark.usefixtures("empty_file")
 
@@ -532,6 +533,29 @@ def test_what_differs_by_view_counts_by_its_mean_over_the_hemisphere():
     assert reading.material.albedo_rgb == pytest.approx((0.25,) * 3, abs=0.02)  # cosines below 1/2
     reading, _, _ = tree.show(tree.add("BsdfDiffuse", Color=tree.add("Fresnel", IOR=1.5).outputs[0])).read()
     assert reading.material.albedo_rgb == pytest.approx((0.0918,) * 3, abs=2e-3)
+
+
+@pytest.mark.parametrize("by", ["Fresnel", "LayerWeight"])
+def test_gloss_over_paint_by_fresnel_is_a_dielectric_layer(by):
+    tree = Tree()
+    fresnel = tree.add("Fresnel", IOR=2.0) if by == "Fresnel" else tree.add("LayerWeight", Blend=0.5)
+    mix = tree.add("MixShader", Fac=fresnel.outputs["Fac" if by == "Fresnel" else "Fresnel"])
+    for socket, shader in zip(
+        mix.inputs[1:], (tree.add("BsdfDiffuse", Color=(0.6, 0.3, 0.2)), gloss := tree.add("BsdfGlossy")), strict=True
+    ):
+        tree.tree.links.new(shader.outputs[0], socket)
+    gloss.inputs["Roughness"].default_value, gloss.inputs["Color"].default_value = 0.4, (1.0, 1.0, 1.0, 1.0)
+    material = tree.show(mix).read()[0].material
+    assert (material.layer, material.ior, material.roughness) == (1.0, pytest.approx(2.0), pytest.approx(0.4))
+    assert (material.albedo_rgb, material.metal_rgb) == (pytest.approx((0.6, 0.3, 0.2)), (0.0, 0.0, 0.0))
+    gloss.inputs["Color"].default_value = (0.5, 0.5, 0.5, 1.0)
+    half = tree.read()[0].material
+    mean = average_fresnel(2.0)
+    assert half.layer == pytest.approx(0.5)
+    assert np.array(half.albedo_rgb) * (1 - 0.5 * mean) == pytest.approx(np.array([0.6, 0.3, 0.2]) * (1 - mean), rel=1e-5)
+    tree.add("BsdfTransparent")
+    tree.tree.links.new(next(node for node in tree.tree.nodes if node.type == "BSDF_TRANSPARENT").outputs[0], mix.inputs[1])
+    assert tree.read()[0].material.layer == 0.0, "a window has none"
 
 
 def test_a_glow_is_known_to_leave_the_front_alone():
