@@ -68,6 +68,16 @@ def test_leaves_without_previews_never_miss_less_than_nothing(photons):
     assert (bias.unbiased >= 0).all()
 
 
+def test_bias_of_leaves_without_previews_is_about_that_which_previews_would_show():
+    """On smooth light and constant leaves, whose squared bias is a quarter of their parents'."""
+    bake = throw_on_split(400_000, 0, [every])
+    bake.tree = quadtree.split(bake.tree, current(bake))
+    assert not bake.tree.has_children[current(bake)].any()
+    seen = throw_on_split(400_000, 0, [every, every])
+    guessed, expected = (find_bias(one, current(one)).unbiased.mean() for one in (bake, seen))
+    assert 0.7 < guessed / expected < 1.4
+
+
 def test_the_stated_noise_of_the_bias_is_its_noise():
     """Even light has no bias: what is found is noise, of each node as large as is stated."""
     found, expected = [], []
