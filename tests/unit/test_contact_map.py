@@ -63,12 +63,22 @@ def cut_floor(folder, *meshes, layer="plain", floor=None, light=LAMP):
     return texels, cut, cut_atlas, scene
 
 
+def places_of(texels, scene):
+    """(n, 2) x and y of the floor's texels in space, in texels from its corner."""
+    return np.einsum("nk,nkj->nj", texels.texel_bary, scene.tri_position[texels.texel_tri])[:, :2] * SIDE
+
+
+def draw(texels, scene, values):
+    """(SIDE, SIDE) values of the floor's texels by their places in space, row 0 at y = 0, column 0 at x = 0; -1 where there is none."""
+    column, row = places_of(texels, scene).astype(int).T
+    picture = np.full((SIDE, SIDE), -1, values.dtype)
+    picture[row, column] = values
+    return picture
+
+
 def draw_pieces(cut, scene):
-    """(SIDE, SIDE) int: the chart of each texel of the floor by its place in space, row 0 at y = 0, column 0 at x = 0."""
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-    column, row = (position[:, :2] * SIDE).astype(int).T
-    picture = np.full((SIDE, SIDE), -1)
-    picture[row, column] = cut.texel_chart
+    """(SIDE, SIDE) int: the chart of each texel of the floor."""
+    picture = draw(cut, scene, cut.texel_chart)
     assert picture.min() == 0
     return picture
 
@@ -136,12 +146,11 @@ def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, h
     assert len(cut.chart_page) == 2
     assert (pieces[:, :32] == pieces[0, 0]).all()
     assert (pieces[:, 32:] == pieces[0, -1]).all()
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
     assert len(cut.borders.entry) == 2 * SIDE
     reach = cut.borders.reach.min(axis=0)
     is_known = np.isfinite(reach)  # not where the layer's edge cuts texels by a hair
     assert is_known.mean() > 0.9
-    expected = np.abs(x_m - position[cut.borders.entry, 0]) * SIDE
+    expected = np.abs(x_m * SIDE - places_of(cut, scene)[cut.borders.entry, 0])
     np.testing.assert_allclose(reach[is_known], expected[is_known], atol=1 / 16)
 
 
@@ -176,8 +185,8 @@ def test_a_floor_that_is_turned_on_its_page_is_parted_too(tmp_path, x_m, degrees
     _, cut, _, scene = cut_floor(tmp_path, sheet(x_m), floor=quad_mesh("Floor", uv=turned(degrees, 0.7) + 0.5))
     assert len(cut.chart_page) == 2
     central = cut.is_central
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])[central]
-    np.testing.assert_array_equal(cut.texel_chart[central] == cut.texel_chart[central][position[:, 0].argmin()], position[:, 0] < x_m)
+    x = places_of(cut, scene)[central, 0]
+    np.testing.assert_array_equal(cut.texel_chart[central] == cut.texel_chart[central][x.argmin()], x < x_m * SIDE)
 
 
 @pytest.mark.parametrize("x_m", [0.5, 0.503])  # between two texels, and within one
@@ -298,7 +307,7 @@ def test_light_does_not_leak_below_a_thin_wall(tmp_path, x_m, most):
     dark = cut.texel_chart == draw_pieces(cut, scene)[0, -1]
     _, whole = prepare_folder(tmp_path / "whole", scene, SETTINGS)
     leaking = light_of(tmp_path / "whole", settings, whole, replace(cut_atlas, chart_page=whole.chart_page))
-    right = np.einsum("nk,nkj->nj", whole.texel_bary, scene.tri_position[whole.texel_tri])[:, 0] > x_m
+    right = places_of(whole, scene)[:, 0] > x_m * SIDE
     assert leaking[right].sum() > 0.005 * leaking.sum()  # or the test could not fail
     assert light_of(tmp_path, settings, cut, cut_atlas)[dark].sum() <= most * leaking[right].sum()
 
@@ -308,8 +317,7 @@ def test_a_texel_that_a_rug_ends_in_is_as_bright_as_the_floor_beside_it(tmp_path
     settings = replace(SETTINGS, max_photons=400_000)
     above = replace(SUN, rotation=((1, 0, 0), (0, 1, 0), (0, 0, 1)))
     _, cut, cut_atlas, scene = cut_floor(tmp_path, rug(32.8 / SIDE, 0.02 / SIDE), light=above)
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-    column = (position[:, 0] * SIDE).astype(int)
+    column = places_of(cut, scene)[:, 0].astype(int)
     light = light_of(tmp_path, settings, cut, cut_atlas)
     assert light[column == 32].mean() == pytest.approx(light[column < 32].mean(), rel=0.04)
     assert light[column > 32].max() < 0.001 * light[column < 32].mean()  # its edge is known to a thirtieth of a texel
@@ -323,7 +331,7 @@ def test_light_does_not_leak_below_what_hangs_close_above(tmp_path):
     _, whole = prepare_folder(tmp_path / "whole", scene, SETTINGS)
     beside, below = {}, {}
     for name, texels in (("cut", cut), ("whole", whole)):
-        column = (np.einsum("nk,nkj->nj", texels.texel_bary, scene.tri_position[texels.texel_tri])[:, 0] * SIDE).astype(int)
+        column = places_of(texels, scene)[:, 0].astype(int)
         light = light_of(tmp_path / name, settings, texels, replace(cut_atlas, chart_page=texels.chart_page))
         beside[name], below[name] = (light[(column >= k) & (column < k + 4)].mean() / light[column < 28].mean() for k in (31, 35))
     assert below["whole"] > 0.3  # or the test could not fail
@@ -351,8 +359,7 @@ def test_a_texel_shows_what_its_square_sees_on_both_sides(tmp_path):
     settings = replace(SETTINGS, max_photons=400_000)
     _, cut, cut_atlas, scene = cut_floor(tmp_path, sheet(32.6 / SIDE), light=SUN)
     light = light_of(tmp_path, settings, cut, cut_atlas)
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-    column = (position[:, 0] * SIDE).astype(int)
+    column = places_of(cut, scene)[:, 0].astype(int)
     beside, crossed, beyond = (light[column == k].mean() for k in (31, 32, 33))
     assert beyond == 0.0
     assert crossed == pytest.approx(0.7 * beside, rel=0.04)
@@ -368,10 +375,7 @@ def test_light_does_not_leak_below_a_wall_with_a_door(tmp_path, monkeypatch, see
         if name == "whole":
             monkeypatch.setattr(contact_map, "part_in_squares", lambda key, size, ways, *_: (join_sets(len(key), *ways),) * 2)
         _, cut, cut_atlas, scene = cut_floor(tmp_path / name, door)
-        position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-        column, row = (position[:, :2] * SIDE).astype(int).T
-        page = np.zeros((SIDE, SIDE))
-        page[row, column] = light_of(tmp_path / name, settings, cut, cut_atlas)
+        page = draw(cut, scene, light_of(tmp_path / name, settings, cut, cut_atlas))
         light[name] = page[:40, 31].mean() / page[:40, :27].mean()
     assert light["whole"] > 0.05  # or the test could not fail
     assert light["cut"] < 0.02
@@ -382,10 +386,7 @@ def test_between_charts_of_one_piece_light_makes_no_step(tmp_path, monkeypatch):
     light = {}
     for name in ("open", "closed"):
         _, cut, cut_atlas, scene = cut_floor(tmp_path / name, wall(0.4, high_m=0.7))
-        position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-        column, row = (position[:, :2] * SIDE).astype(int).T
-        page = np.zeros((SIDE, SIDE))
-        page[row, column] = light_of(tmp_path / name, replace(SETTINGS, max_photons=20_000), cut, cut_atlas)
+        page = draw(cut, scene, light_of(tmp_path / name, replace(SETTINGS, max_photons=20_000), cut, cut_atlas))
         page, chart = page[:, 32:], draw_pieces(cut, scene)[:, 32:]  # beyond the wall
         steps = [np.abs(np.diff(page, axis=axis))[np.diff(chart, axis=axis) != 0] for axis in (0, 1)]
         light[name] = np.concatenate(steps).mean() / page.mean()
@@ -401,9 +402,6 @@ def test_light_does_not_leak_below_a_wall_where_the_floor_has_an_edge(tmp_path, 
     faces = [[0, 1, 4, 5], [1, 2, 3, 4]]
     floor = Mesh("Floor", corners, faces, uv=[corners[face, :2] for face in faces])
     _, cut, cut_atlas, scene = cut_floor(tmp_path, sheet(x_m, high_m=0.8), floor=floor, light=SUN)
-    position = np.einsum("nk,nkj->nj", cut.texel_bary, scene.tri_position[cut.texel_tri])
-    column, row = (position[:, :2] * SIDE).astype(int).T
-    page = np.zeros((SIDE, SIDE))
-    page[row, column] = light_of(tmp_path, replace(SETTINGS, max_photons=20_000), cut, cut_atlas)
+    page = draw(cut, scene, light_of(tmp_path, replace(SETTINGS, max_photons=20_000), cut, cut_atlas))
     behind = int(np.ceil(foot))
     assert page[:40, behind : behind + 4].mean() < 0.01 * page[:40, :30].mean()
