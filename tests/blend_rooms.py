@@ -80,11 +80,31 @@ def add_mesh(name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Seq
     return add_object(name, mesh)
 
 
-def add_object(name: str, data: Any, collection: Any = None) -> Any:
-    """An object with that data, in the open scene unless it belongs into a collection."""
+def add_object(name: str, data: Any, collection: Any = None, **properties: Any) -> Any:
+    """An object with that data and properties, in the open scene unless it belongs into a collection."""
     obj = bpy.data.objects.new(name, data)
     (collection or bpy.context.scene.collection).objects.link(obj)
+    for key, value in properties.items():
+        setattr(obj, key, value)
     return obj
+
+
+def add_plane(name: str, collection: Any = None, **properties: Any) -> Any:
+    """An object of one face of a square metre, with the layer UVMap."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
+    mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32))
+    return add_object(name, mesh, collection, **properties)
+
+
+def make_quads(name: str = "Mesh", layers: Sequence[str] = ("UVMap",)) -> Any:
+    """A mesh of two quads side by side; layer k of the first is [0, 0.5] x [0, 0.5] shifted by k."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)], [], [(0, 1, 2, 3), (1, 4, 5, 2)])
+    for shift, layer in enumerate(layers):
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [1, 0], [2, 0], [2, 1], [1, 1]], np.float32) * 0.5 + shift
+        mesh.uv_layers.new(name=layer).uv.foreach_set("vector", uv.ravel())
+    return mesh
 
 
 def make_material(name: str) -> Any:

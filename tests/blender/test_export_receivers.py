@@ -5,23 +5,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_geometry_nodes
+from blend_rooms import add_plane, make_geometry_nodes
 from leaflight.addon.read.export_pieces import walk_pieces
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
 
 pytestmark = pytest.mark.usefixtures("empty_file")
-
-
-def add_plane(name, collection=None, **properties):
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [], [(0, 1, 2, 3)])
-    mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.array([0, 0, 1, 0, 1, 1, 0, 1], np.float32))
-    obj = bpy.data.objects.new(name, mesh)
-    (collection or bpy.context.scene.collection).objects.link(obj)
-    for key, value in properties.items():
-        setattr(obj, key, value)
-    return obj
 
 
 def add_modifier(obj, kind, **properties):

@@ -5,6 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import add_object, make_quads
 from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_scene import export_scene, find_objects
 from leaflight.addon.read.materials_read import MaterialTable
@@ -14,22 +15,8 @@ from leaflight.core.scene.materials import SurfaceMaterials
 pytestmark = pytest.mark.usefixtures("empty_file")
 
 
-def make_mesh(name="Mesh", layers=("UVMap",)):
-    """Two quads side by side; layer k of the first is [0, 1] x [0, 1] shifted by k."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)], [], [(0, 1, 2, 3), (1, 4, 5, 2)])
-    for shift, layer in enumerate(layers):
-        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [1, 0], [2, 0], [2, 1], [1, 1]], np.float32) * 0.5 + shift
-        mesh.uv_layers.new(name=layer).uv.foreach_set("vector", uv.ravel())
-    return mesh
-
-
-def add_object(name, data=None, collection=None, **properties):
-    obj = bpy.data.objects.new(name, make_mesh(name) if data is None else data)
-    (collection or bpy.context.scene.collection).objects.link(obj)
-    for key, value in properties.items():
-        setattr(obj, key, value)
-    return obj
+def add_quads(name, data=None, collection=None, **properties):
+    return add_object(name, make_quads(name) if data is None else data, collection, **properties)
 
 
 def make_material(name, image=None, layer=""):
@@ -59,10 +46,10 @@ def item(result, name):
 
 
 def test_default_receivers_and_shared_meshes():
-    mesh = make_mesh("Shared")
-    add_object("B", mesh, location=(5, 0, 0))
-    add_object("A", mesh)
-    add_object("Own")
+    mesh = make_quads("Shared")
+    add_quads("B", mesh, location=(5, 0, 0))
+    add_quads("A", mesh)
+    add_quads("Own")
     result = export()
     assert [o.name for o in result.snapshot.objects] == ["A", "B", "Own"]
     assert [o.mesh for o in result.snapshot.objects] == [0, 0, -1]
@@ -77,7 +64,7 @@ def test_default_receivers_and_shared_meshes():
 def test_the_layer_of_an_earlier_bake_is_none_of_a_textures():
     image = bpy.data.images.new("Wood", 4, 4)
     image.pixels.foreach_set(np.linspace(0.1, 0.9, 64, dtype=np.float32))
-    mesh = add_object("Plank", make_mesh("Plank", layers=())).data
+    mesh = add_quads("Plank", make_quads("Plank", layers=())).data
     mesh.materials.append(make_material("Wood", image))
     before = export()
     write_layer(mesh, np.random.default_rng(0).random((len(mesh.loops), 2)))
@@ -103,13 +90,13 @@ def test_the_layer_of_an_earlier_bake_is_none_of_a_textures():
 )
 def test_names_that_cannot_be_baked(names, text):
     for name in ("Floor", "Ceiling", "Hidden"):
-        add_object(name)
+        add_quads(name)
     bpy.data.objects["Hidden"].hide_render = True
     shut = bpy.data.collections.new("Shut")
     bpy.context.scene.collection.children.link(shut)
-    add_object("Shut", collection=shut)
+    add_quads("Shut", collection=shut)
     bpy.context.view_layer.layer_collection.children["Shut"].exclude = True
-    add_object("Sun", bpy.data.lights.new("Sun", "SUN"))
+    add_quads("Sun", bpy.data.lights.new("Sun", "SUN"))
     with pytest.raises(ValueError, match=text):
         export(objects=names)
 
@@ -117,20 +104,20 @@ def test_names_that_cannot_be_baked(names, text):
 def test_nothing_to_bake():
     with pytest.raises(ValueError, match="nothing to bake: no mesh object"):
         export()
-    add_object("Empty mesh", bpy.data.meshes.new("Empty mesh"))
+    add_quads("Empty mesh", bpy.data.meshes.new("Empty mesh"))
     with pytest.raises(ValueError, match="Empty mesh: has no faces"):
         export()
-    add_object("Floor")
+    add_quads("Floor")
     assert ("Empty mesh", "has no faces and is left out") in export().warnings
 
 
 def test_broken_coordinates_and_duplicates_are_told():
-    mesh = make_mesh("Broken")
+    mesh = make_quads("Broken")
     mesh.vertices[4].co.x = float("nan")
-    add_object("Broken", mesh)
+    add_quads("Broken", mesh)
     double = bpy.data.meshes.new("Double")
     double.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)] * 2, [], [(0, 1, 2), (3, 4, 5)])
-    add_object("Double", double)
+    add_quads("Double", double)
     result = export()
     texts = dict(result.warnings)
     assert texts["Broken"].startswith("1 face is left out")
@@ -145,20 +132,20 @@ def test_broken_coordinates_and_duplicates_are_told():
 
 
 def test_materials_by_slot_object_slot_and_empty_slot():
-    mesh = make_mesh()
+    mesh = make_quads()
     red, green = make_material("Red"), make_material("Green")
     mesh.materials.append(red)
     mesh.materials.append(None)
     mesh.polygons[1].material_index = 1
-    add_object("Data", mesh)
-    own = add_object("Own slot", mesh, location=(0, 3, 0))
+    add_quads("Data", mesh)
+    own = add_quads("Own slot", mesh, location=(0, 3, 0))
     own.material_slots[0].link = "OBJECT"
     own.material_slots[0].material = green
-    beyond = make_mesh("Beyond")
+    beyond = make_quads("Beyond")
     beyond.materials.append(green)
     beyond.materials.append(red)
     beyond.polygons.foreach_set("material_index", [6, 6])
-    add_object("Beyond", beyond, location=(0, 6, 0))
+    add_quads("Beyond", beyond, location=(0, 6, 0))
     result = export()
     names = np.array([material.name for material in result.snapshot.materials])
     assert names[part(result, "Data", "tri_material")].tolist() == ["Red", "Red", "", ""]
@@ -168,13 +155,13 @@ def test_materials_by_slot_object_slot_and_empty_slot():
 
 
 def test_texture_coordinates_come_from_their_own_layer():
-    mesh = make_mesh(layers=("First", "Second"))
+    mesh = make_quads(layers=("First", "Second"))
     mesh.uv_layers["First"].active_render = True
     image = bpy.data.images.new("Karo", 4, 4)
     for name, layer in (("Default", ""), ("Named", "Second"), ("Lost", "Third")):
         copy = mesh.copy()
         copy.materials.append(make_material(name, image, layer))
-        add_object(name, copy)
+        add_quads(name, copy)
     result = export()
     first = part(result, "Default", "tri_albedo_uv")
     corner = part(result, "Default", "tri_corner")
@@ -188,7 +175,7 @@ def test_texture_coordinates_come_from_their_own_layer():
 
 def make_colored(name, layer="Col", kind="FLOAT_COLOR", domain="CORNER"):
     """A mesh with random colours, and these by corner, linear."""
-    mesh = make_mesh(name)
+    mesh = make_quads(name)
     attribute = mesh.attributes.new(layer, kind, domain)
     stored = np.random.default_rng(len(name)).random((len(attribute.data), 4)).astype(np.float32)
     attribute.data.foreach_set("color", stored.ravel())
@@ -236,9 +223,9 @@ def test_vertex_colours_are_those_of_cycles(node, kind, domain):
     material, _ = make_painted("Paint", *node)
     for data in (mesh, other):
         data.materials.append(material)
-    add_object("Plain", mesh)
-    add_object("Mirrored", mesh, scale=(-1, 1, 1))
-    add_object("Other", other)
+    add_quads("Plain", mesh)
+    add_quads("Mirrored", mesh, scale=(-1, 1, 1))
+    add_quads("Other", other)
     result = export()
     assert result.warnings == ()
     for name, expected in (("Plain", color), ("Mirrored", color), ("Other", other_color)):
@@ -255,7 +242,7 @@ def test_a_material_of_vertex_colours_is_read_once_for_each_mesh(monkeypatch):
         mesh, _ = make_colored(name)
         mesh.materials.append(material)
         for copy in ("", " copy"):
-            add_object(name + copy, mesh)
+            add_quads(name + copy, mesh)
     export()
     assert len(meshes) == len(set(map(id, meshes))) == 2
 
@@ -264,12 +251,12 @@ def test_a_material_of_vertex_colours_is_read_once_for_each_mesh(monkeypatch):
 def test_vertex_colours_of_faces_and_of_lamps(node):
     mesh, color = make_colored("Faces", domain="FACE")
     mesh.materials.append(make_painted("Paint", *node)[0])
-    add_object("Faces", mesh)
+    add_quads("Faces", mesh)
     lamp, lamp_color = make_colored("Lamp")
     material, _ = make_painted("Glow", target="Emission Color")
     material.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 5.0
     lamp.materials.append(material)
-    add_object("Lamp", lamp)
+    add_quads("Lamp", lamp)
     result = export()
     assert shown(result, "Faces") == pytest.approx(within(result, "Faces", color), abs=2e-6)
     assert shown(result, "Lamp", "emission_at") == pytest.approx(5 * within(result, "Lamp", lamp_color), abs=2e-5)
@@ -278,7 +265,7 @@ def test_vertex_colours_of_faces_and_of_lamps(node):
 def test_an_attribute_as_a_number_is_the_average_of_its_channels():
     mesh, color = make_colored("Grey")
     mesh.materials.append(make_painted("Paint", "Attribute", "Col", output=2)[0])
-    add_object("Grey", mesh)
+    add_quads("Grey", mesh)
     grey = np.repeat(color.mean(axis=1, keepdims=True), 3, axis=1)
     assert shown(export(), "Grey") == pytest.approx(within(export(), "Grey", grey), abs=2e-6)
 
@@ -287,7 +274,7 @@ def test_vertex_colours_of_one_value_need_no_texture():
     mesh, _ = make_colored("Even")
     mesh.attributes["Col"].data.foreach_set("color", np.tile(np.float32([0.5, 0.4, 0.3, 0.5]), len(mesh.loops)))
     mesh.materials.append(make_painted("Paint")[0])
-    add_object("Even", mesh)
+    add_quads("Even", mesh)
     result = export()
     assert shown(result, "Even") == pytest.approx(np.tile([0.5, 0.4, 0.3], (4, 1)))
     assert (result.warnings, result.snapshot.images) == ((), ())
@@ -297,11 +284,11 @@ def test_where_vertex_colours_are_missing_it_is_black(monkeypatch):
     monkeypatch.setattr(SocketBaker, "bake", lambda *_, **__: None)  # as where Blender cannot evaluate the nodes
     material, _ = make_painted("Paint", layer="Col")
     painted, color = make_colored("Painted")
-    bare, plain = make_mesh("Bare"), make_mesh("Plain")
+    bare, plain = make_quads("Bare"), make_quads("Plain")
     plain.attributes.new("Col", "QUATERNION", "POINT")
     for data in (painted, bare, plain):
         data.materials.append(material)
-        add_object(data.name, data)
+        add_quads(data.name, data)
     result = export()
     assert shown(result, "Painted") == pytest.approx(within(result, "Painted", color), abs=2e-6)
     assert not shown(result, "Bare").any()
@@ -328,7 +315,7 @@ def test_vertex_colours_times_a_texture_are_their_mean(first, monkeypatch):
         tree.links.new(source.outputs[0], socket)
     tree.links.new(next(s for s in mix.outputs if s.type == "RGBA"), tree.nodes["Principled BSDF"].inputs["Base Color"])
     mesh.materials.append(material)
-    add_object("Floor", mesh)
+    add_quads("Floor", mesh)
     result = export()
     (paint,) = result.snapshot.materials
     assert result.snapshot.images[paint.albedo_image].name == "Karo"
@@ -338,10 +325,10 @@ def test_vertex_colours_times_a_texture_are_their_mean(first, monkeypatch):
 
 
 def test_mirrored_object_keeps_corner_and_texture_together():
-    mesh = make_mesh()
+    mesh = make_quads()
     mesh.materials.append(make_material("Paint", bpy.data.images.new("Karo", 4, 4)))
-    add_object("Plain", mesh)
-    add_object("Mirrored", mesh, scale=(-1, 1, 1))
+    add_quads("Plain", mesh)
+    add_quads("Mirrored", mesh, scale=(-1, 1, 1))
     result = export(uv_layer="UVMap")
     uv = np.array([loop.uv for loop in mesh.uv_layers[0].data])
     for name, sign in (("Plain", 1.0), ("Mirrored", -1.0)):
@@ -356,8 +343,8 @@ def test_mirrored_object_keeps_corner_and_texture_together():
 
 
 def test_existing_layer():
-    add_object("With")
-    add_object("Without", make_mesh("Without", layers=()))
+    add_quads("With")
+    add_quads("Without", make_quads("Without", layers=()))
     result = export(uv_layer="UVMap")
     assert item(result, "With")[0].has_layer
     assert not item(result, "Without")[0].has_layer
@@ -369,18 +356,18 @@ def test_existing_layer():
 
 
 def test_lights_world_and_shadow_flags():
-    floor = add_object("Floor", visible_shadow=False)
+    floor = add_quads("Floor", visible_shadow=False)
     glass = bpy.data.materials.new("Glass")
     glass.use_nodes = True
     glass.node_tree.nodes["Principled BSDF"].inputs["Transmission Weight"].default_value = 1.0
-    pane = add_object("Pane")
+    pane = add_quads("Pane")
     pane.data.materials.append(glass)
-    add_object("Wall")
-    add_object("Sun", bpy.data.lights.new("Sun", "SUN"), rotation_euler=(0.5, 0, 0))
-    add_object("Off", bpy.data.lights.new("Off", "SUN"), hide_render=True)
-    add_object("Prop", visible_shadow=False, visible_diffuse=False, visible_glossy=False, visible_transmission=False)
+    add_quads("Wall")
+    add_quads("Sun", bpy.data.lights.new("Sun", "SUN"), rotation_euler=(0.5, 0, 0))
+    add_quads("Off", bpy.data.lights.new("Off", "SUN"), hide_render=True)
+    add_quads("Prop", visible_shadow=False, visible_diffuse=False, visible_glossy=False, visible_transmission=False)
     group = bpy.data.collections.new("Group")
-    add_object("Bulb", bpy.data.lights.new("Bulb", "POINT"), collection=group)
+    add_quads("Bulb", bpy.data.lights.new("Bulb", "POINT"), collection=group)
     holder = bpy.data.objects.new("Holder", None)
     holder.instance_type, holder.instance_collection, holder.location = "COLLECTION", group, (0, 0, 4)
     bpy.context.scene.collection.objects.link(holder)
@@ -398,7 +385,7 @@ def test_the_same_scene_gives_the_same_snapshot_whatever_the_order_of_its_object
     def build(names):
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         for name in names:
-            add_object(name, location=(ord(name), 0, 0))
+            add_quads(name, location=(ord(name), 0, 0))
         return export().snapshot
 
     first, second = build("ABC"), build("CBA")
@@ -429,14 +416,14 @@ def link_light(thing, kind, **states):
 )
 @pytest.mark.parametrize(("kind", "field"), [("receiver", "lights"), ("blocker", "blocked_by")])
 def test_a_lamp_is_linked_to_objects_and_instances(kind, field, states, expected):
-    add_object("Floor")
-    add_object("Wall")
+    add_quads("Floor")
+    add_quads("Wall")
     group = bpy.data.collections.new("Group")
-    add_object("Tile", collection=group)
+    add_quads("Tile", collection=group)
     holder = bpy.data.objects.new("Holder", None)
     holder.instance_type, holder.instance_collection = "COLLECTION", group
     bpy.context.scene.collection.objects.link(holder)
-    link_light(add_object("Bulb", bpy.data.lights.new("Bulb", "POINT")), kind, **states)
+    link_light(add_quads("Bulb", bpy.data.lights.new("Bulb", "POINT")), kind, **states)
     result = export()
     (light,) = result.snapshot.lights
     chosen = getattr(light, field)
@@ -446,9 +433,9 @@ def test_a_lamp_is_linked_to_objects_and_instances(kind, field, states, expected
 
 
 def test_collections_within_a_linking_collection_count():
-    add_object("Floor")
-    add_object("Wall")
-    outer = link_light(add_object("Bulb", bpy.data.lights.new("Bulb", "POINT")), "receiver")
+    add_quads("Floor")
+    add_quads("Wall")
+    outer = link_light(add_quads("Bulb", bpy.data.lights.new("Bulb", "POINT")), "receiver")
     inner, innermost = bpy.data.collections.new("Inner"), bpy.data.collections.new("Innermost")
     innermost.objects.link(bpy.data.objects["Wall"])
     inner.children.link(innermost)
@@ -458,8 +445,8 @@ def test_collections_within_a_linking_collection_count():
 
 
 def test_what_glows_is_linked_as_lamps_are():
-    panel = add_object("Panel")
-    add_object("Wall")
+    panel = add_quads("Panel")
+    add_quads("Wall")
     link_light(panel, "receiver", Wall="INCLUDE")
     link_light(panel, "blocker", Wall="EXCLUDE")
     of_panel, of_wall = export().snapshot.objects

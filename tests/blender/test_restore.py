@@ -8,18 +8,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
-from blend_rooms import add_object, make_material
+from blend_rooms import add_object, make_material, make_quads
 from leaflight.addon.read import baked_copies, uv_layer
 from leaflight.addon.show import images, materials_write, restore
-
-
-def make_mesh(name, uv_layers=("UVMap",)):
-    mesh = bpy.data.meshes.new(name)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 1, 0)]
-    mesh.from_pydata(corners, [], [(0, 1, 2, 3), (1, 4, 5, 2)])
-    for layer in uv_layers:
-        mesh.uv_layers.new(name=layer)
-    return mesh
 
 
 def build_scene():
@@ -30,7 +21,7 @@ def build_scene():
     texture.image = bpy.data.images.new("Wood", 4, 4)
     tree.links.new(tree.nodes["Principled BSDF"].inputs["Base Color"], texture.outputs["Color"])
 
-    two = make_mesh("Two", ("First", "Second"))
+    two = make_quads("Two", ("First", "Second"))
     two.materials.append(red)
     two.materials.append(textured)
     two.polygons[1].material_index = 1
@@ -39,7 +30,7 @@ def build_scene():
     baked = [add_object("MultiA", two), add_object("MultiB", two)]
     add_object("NotBaked", two)
 
-    linked = make_mesh("Linked")
+    linked = make_quads("Linked")
     linked.materials.append(red)
     obj = add_object("ObjectLinked", linked)
     obj.material_slots[0].link = "OBJECT"
@@ -51,10 +42,10 @@ def build_scene():
     hidden_choice.material_slots[0].link = "DATA"
     baked.append(hidden_choice)
 
-    bare = make_mesh("Bare", ())
+    bare = make_quads("Bare", ())
     bare.attributes.new("material_index", "INT", "FACE").data[1].value = 1
     baked += [add_object("BareA", bare), add_object("BareB", bare)]
-    empty_slot = make_mesh("EmptySlot")
+    empty_slot = make_quads("EmptySlot")
     empty_slot.materials.append(None)
     baked.append(add_object("EmptySlot", empty_slot))
     return [obj.name for obj in baked]
@@ -196,7 +187,7 @@ def test_restores_from_a_saved_file(names, tmp_path, shown):
 
 
 def add_array():
-    source = add_object("Array", make_mesh("Array"))
+    source = add_object("Array", make_quads("Array"))
     source.modifiers.new("Array", "ARRAY")
     return source
 
@@ -221,7 +212,7 @@ def test_user_edits_between_are_kept_and_nothing_of_ours_stays(names, tmp_path):
     data.materials.remove(data.materials["Blue"])
     green = make_material("Green")
     data.objects["EmptySlot"].material_slots[0].material = green
-    stray = add_object("Stray", make_mesh("Stray"))  # the user put our copy on another mesh
+    stray = add_object("Stray", make_quads("Stray"))  # the user put our copy on another mesh
     stray.data.materials.append(data.objects["MultiA"].material_slots[0].material)
     private = data.objects["MultiA"].material_slots[1].material.copy()  # "make single user"
     data.objects["MultiA"].material_slots[1].material = private
@@ -294,7 +285,7 @@ def test_one_undo_step_takes_a_bake_back(names, tmp_path):
 
 def test_removing_from_one_scene_leaves_the_other(names, tmp_path):
     other = bpy.data.scenes.new("Other")
-    obj = bpy.data.objects.new("Elsewhere", make_mesh("Elsewhere"))
+    obj = bpy.data.objects.new("Elsewhere", make_quads("Elsewhere"))
     other.collection.objects.link(obj)
     bake([*names, "Elsewhere"], tmp_path)
     restore.remove_bake(bpy.data.scenes["Scene"])
@@ -342,7 +333,7 @@ def test_another_files_bake_is_left_to_that_file(names, tmp_path):
         target.objects = ["MultiA", "ObjectLinked"]
     for obj in target.objects:
         bpy.context.scene.collection.objects.link(obj)
-    local = add_object("Local", make_mesh("Local"))
+    local = add_object("Local", make_quads("Local"))
     local.data.materials.append(target.objects[0].material_slots[0].material)
     before = dump()
     assert not restore.has_bake(bpy.context.scene)
