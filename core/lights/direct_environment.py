@@ -119,7 +119,7 @@ class EnvironmentLight:
         direction, cell, density = self._table.choose(patch, u)
         cosine = np.maximum(dot_rows(direction, receivers.normal), 0)
         per_radiance = np.divide(cosine, chance * density, out=np.zeros(len(cell), np.float32), where=density > 0, casting="same_kind")
-        aim = Aim(direction, np.full(len(cell), INFINITE), per_radiance, per_radiance)
+        aim = Aim(direction, np.full(len(cell), INFINITE), per_radiance, per_radiance, of_sky=True)
         seen = receivers.see(rays, aim)
         radiance = self._table.environment.radiance.reshape(-1, 3)[cell]
         return radiance * per_radiance[:, None].astype(np.float64), seen

@@ -34,12 +34,14 @@ class Aim:
     distance    (n,) float32   in lengths of the direction
     share       (n,) float32   the ray's part in the closed form: their mean over all rays is the closed form
     weight      (n,) float32   share times what the closed form leaves out: a spot's cone, an area light's spread
+    of_sky      whether they go to the sky
     """
 
     direction: Float32
     distance: Float32
     share: Float32
     weight: Float32
+    of_sky: bool = False
 
 
 class Source(ABC):
@@ -282,7 +284,7 @@ class WorldSource(Source):
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         one = np.ones(len(u), np.float32)
         share = one * np.float32(math.pi)
-        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * INFINITE, share, share)
+        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * INFINITE, share, share, of_sky=True)
 
 
 def make_lamps(lights: Iterable[Light], unit_box: UnitBox, profiles: Sequence[Float32]) -> list[Source]:

@@ -115,16 +115,27 @@ class Receivers:
         return shade
 
     def see(self, rays: ShadowRays, aim: Aim) -> Sight:
-        """Transmittance along rays; 0 for directions behind the face, or hidden by a bump."""
+        """Transmittance along rays; 0 for directions to the sky behind the face, or hidden by a bump.
+
+        Corners' normals may face a lamp that stands behind the face, as those of leaves do that are shaded like a ball. Cycles lights such
+        a face, where nothing else is between: rays toward lamps start behind it.
+        """
         sight, shade = self._see_all(rays, aim), self.shade_bumps(aim.direction)
         return sight if shade is None else sight.dim(shade)
 
     def _see_all(self, rays: ShadowRays, aim: Aim) -> Sight:
-        above = (aim.weight > 0) & ((aim.direction * self.side).sum(axis=1) > 0)
-        live = np.flatnonzero(above)
-        if len(live) == len(above):
-            return rays.see(self.position, aim.direction, aim.distance)
-        return rays.see(take_rows(self.position, live), take_rows(aim.direction, live), aim.distance[live]).place(live, len(above))
+        height = (aim.direction * self.side).sum(axis=1)
+        sent, position = (aim.weight > 0) & (height > 0), self.position
+        if self.normal is not self.side and not aim.of_sky:
+            behind = np.flatnonzero((aim.weight > 0) & (height < 0) & (True if self.bumped is None else ~self.bumped))
+            if len(behind):
+                sent[behind], position = True, position.copy()
+                below = -take_rows(self.side, behind)
+                position[behind] = offset_origin(offset_origin(take_rows(position, behind), below), below)
+        live = np.flatnonzero(sent)
+        if len(live) == len(sent):
+            return rays.see(position, aim.direction, aim.distance)
+        return rays.see(take_rows(position, live), take_rows(aim.direction, live), aim.distance[live]).place(live, len(sent))
 
 
 @dataclass(frozen=True)

@@ -260,6 +260,8 @@ def _meet(
         is_first = np.full(len(tri), depth == 0)
         if skip_first and arrived.mirrored is not None:
             is_first |= arrived.mirrored
+        if not depth:
+            lit |= _find_lit_behind(scene, arrived, cosine, None if photons.sky is None else gather(photons.sky, hit))
         _deposit(scene, arrived, cosine, lit, is_first, received, log)
     passed = None
     if scene.passing:
@@ -377,6 +379,26 @@ def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], 
     return worth
 
 
+def _find_lit_behind(scene: TraceScene, arrived: Arrivals, cosine: _Rows, sky: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """(n,): photons straight from lamps that meet the backs of one-sided faces whose corners' normals face the lamp, see Receivers.see.
+
+    cosine   (n,) float32: of their directions with the geometric normal
+    sky      (n,) bool: photons of an even sky, None for none
+    """
+    behind = np.zeros(len(cosine), bool)
+    if not scene.smooth_frame.size:
+        return behind
+    rows = ((cosine > 0) & (gather(scene.tri_smooth, arrived.tri) >= 0) & (gather(scene.tri_lit_below, arrived.tri) == 0)).nonzero()[0]
+    if scene.maps is not None:
+        rows = rows[~scene.maps.has(gather(arrived.tri, rows))]
+    if sky is not None:
+        rows = rows[~gather(sky, rows)]
+    column = gather(scene.tri_smooth, gather(arrived.tri, rows))
+    shading = locate_hits(scene.smooth_frame, column, gather(arrived.u, rows), gather(arrived.v, rows))
+    behind[rows] = _dot(shading, gather(arrived.direction, rows)) < 0
+    return behind
+
+
 def _deposit(
     scene: TraceScene,
     arrived: Arrivals,
@@ -401,7 +423,10 @@ def _deposit(
             shading = locate_hits(scene.smooth_frame, gather(column, smooth), gather(own.u, smooth), gather(own.v, smooth))
             incoming, face = gather(own.direction, smooth), gather(cosine, gather(kept, smooth))
             facing = _dot(shading, incoming) / np.maximum(np.sqrt(_dot(shading, shading)), np.float32(1e-6))
-            facing /= np.copysign(np.maximum(np.abs(face), np.float32(_LEAST_COSINE)), face)
+            one_sided = gather(scene.tri_lit_below, gather(own.tri, smooth)) == 0  # they show the side of their shading normals
+            facing /= np.maximum(np.abs(face), np.float32(_LEAST_COSINE)) * np.where(
+                one_sided, np.float32(-1), np.copysign(np.float32(1), face)
+            )
             # The adjoint of shading normals scales the flux: Veach 1997, section 5.3.
             factor = np.ones(len(own.tri), np.float32)
             factor[smooth] = np.maximum(facing, 0)

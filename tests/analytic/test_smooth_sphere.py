@@ -8,10 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boxes import solve_scene
 from known_light import BLACK, SUB_POINTS, bake_known
+from leaflight.core.integrate import texel_light
 from leaflight.core.scene.scene import Light
-from leaflight.core.util.settings import DIRECT_MODES
-from scenes import make_scene, sphere_mesh
+from leaflight.core.transport import traced_scene
+from leaflight.core.util.settings import DIRECT_MODES, Settings
+from scenes import Mesh, make_scene, sphere_mesh
 from stats import Estimates, hold_bias_is_seen, hold_unbiased
 
 E0 = 4.0
@@ -81,3 +84,27 @@ def test_faces_that_the_sun_skims_are_no_brighter_than_their_normals(known):
     faces = leaf_faces(known)
     skimmed = keep(known.on_leaves(), (faces[:, 0] > 1e-3) & (faces[:, 0] < GRAZING))
     assert skimmed.mean == pytest.approx((skimmed.truth @ skimmed.weight) / skimmed.weight.sum(), rel=0.1)
+
+
+@pytest.mark.parametrize("direct", DIRECT_MODES)
+def test_a_leaf_is_lit_from_behind_as_its_normals_say(tmp_path, direct):
+    """A square in the plane of x and y whose normals lean to a sun below it, as leaves have that are shaded like a ball; Cycles agrees."""
+    lean, sun = np.array([0.8, 0.0, -0.6]), np.array([0.6, 0.0, -0.8])
+    x = np.array([0.0, 1.0, 0.0])
+    light = Light("SUN", "Sun", rotation=tuple(map(tuple, np.array([x, np.cross(sun, x), sun]))), power_rgb=(E0,) * 3)
+    leaf = Mesh("Leaf", np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float), [[0, 1, 2, 3]], None, True)
+    scene = make_scene([leaf], [light], [BLACK])
+    scene = replace(scene, tri_normal=np.broadcast_to(lean, scene.tri_normal.shape).astype(np.float32))
+    for cover, expected in ((scene, E0 * lean @ sun), (_cover(scene, light), 0.0)):
+        settings = Settings(direct=direct, size=32, max_photons=100_000, error=0.005, workers=1, seed=3)
+        field = solve_scene(tmp_path / str(expected), cover, settings)
+        texels = traced_scene.open_tracing(str(tmp_path / str(expected))).texels
+        found = texel_light.light_at_texels(field, texels)
+        assert (found.direct + found.indirect).mean() == pytest.approx(expected, rel=0.02, abs=1e-6)
+
+
+def _cover(scene, light):
+    """The same with a square below it that hides the sun, and has no lightmap."""
+    below = Mesh("Cover", np.array([[-8, -8, -1], [8, -8, -1], [8, 8, -1], [-8, 8, -1]], float), [[0, 1, 2, 3]], None, False)
+    both = make_scene([Mesh("Leaf", scene.vertex_position, [[0, 1, 2, 3]], None, True), below], [light], [BLACK])
+    return replace(both, tri_normal=np.concatenate([scene.tri_normal, both.tri_normal[2:]]))

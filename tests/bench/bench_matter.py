@@ -59,6 +59,9 @@ GGX*, the default since Blender 4.0; files from before have *GGX*, which loses i
 A coat is a layer above all else but sheen, which is brightest along the surface, by a lobe fitted to Cycles' own. A coat's tint colours
 glass by the path that light takes through the coat, and all else that is below by the mean path. Subsurface light leaves where it arrives.
 
+Where the normals of a face's corners face a lamp that stands behind the face, as leaves have them that are shaded like a ball, the lamp
+lights the face, as in Cycles; the sky does not.
+
 A material may let shadow rays pass and be glass for all others. That stands in for light that refracts: shadow rays bring it, and no
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.
 

@@ -238,6 +238,14 @@ def _bumpy_floor() -> None:
     _add_block(scene.shade("White", scene.diffuse(0.8)), 0.5)
 
 
+def _leaf() -> None:
+    """The floor's corner normals lean to a sun that stands below it."""
+    scene = Scene()
+    scene.floor.data.normals_split_custom_set([(0.0, 0.95, 0.3)] * 4)
+    scene.add_light("SUN", 3.0, (0, 0, 5), (-2.2143, 0, 0), 0.1)
+    _add_block(scene.shade("White", scene.diffuse(0.8)), 0.5)
+
+
 def _particles(kind: str) -> Callable[[], None]:
     """Hair on a small square, or balls around it."""
 
@@ -296,6 +304,7 @@ SCENES: dict[str, Callable[[], None]] = {
     "checker": _beside_colours(lambda s: s.node("BsdfDiffuse", Color=_checker)),
     "noise": _beside_colours(lambda s: s.node("BsdfDiffuse", Color=_noise)),
     "normal map": _bumpy_floor,
+    "normals of a leaf": _leaf,
     "hair": _particles("HAIR"),
     "particles": _particles("OBJECT"),
     "curve, text, metaball": _curves,
