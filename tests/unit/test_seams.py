@@ -90,6 +90,19 @@ def test_charts_of_a_plane_that_err_apart_meet(hold, size):
     hold("seams: error of a plane with its seam closed, over that before", rms_change(right, after) / rms_change(right, before), high=1)
 
 
+def test_a_seam_beside_the_edge_of_the_page_is_closed_as_within_it():
+    """Both sides of it lie one texel from an edge of the page; rows go on at the other one in memory."""
+    left = np.array([[16, 40], [0, 40], [0, 8], [16, 8]]) / 64
+    found = []
+    for shift in (1 / 64, 4 / 64):
+        uv = left + np.array([shift, 0.0]), left[[1, 0, 3, 2]] * [-1.0, 1.0] + np.array([1.0 - shift, 0.0])
+        lit = light_scene(make_scene([hinge_mesh(uv=uv)]), lambda position, normal: 1.0 + 0.3 * position[:, 0], noise=0.04, stderr=0.04)
+        light, report = lit.closed()
+        assert report.step_after < 0.1 * report.step_before
+        found.append(light.direct)
+    np.testing.assert_allclose(*found, rtol=1e-6)
+
+
 def test_a_step_of_the_light_itself_stays():
     """Something stands on the very edge: the light is another one beyond it."""
     lit = light_scene(make_scene([hinge_mesh()]), lambda position, normal: np.where(position[:, 0] < 1.0, 1.0, 0.1), stderr=0.02)

@@ -19,11 +19,14 @@ def test_correction_is_1_for_independent_photons():
     assert np.mean(found) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 1280))
 
 
-def test_correction_sees_that_photons_come_in_clumps():
-    """Four photons at each place of a quarter as many: their variance is four times what single photons would have."""
+@pytest.mark.parametrize("lit", [1.0, 0.5])
+def test_correction_sees_that_photons_come_in_clumps(lit):
+    """Four photons at each place of a quarter as many: their variance is four times what single photons would have; also where some is
+    dark.
+    """
 
     def clumps(rng, n):
-        return np.repeat(rng.random((2, n // 4)), 4, axis=1)
+        return np.repeat(rng.random((2, n // 4)) * [[lit], [1.0]], 4, axis=1)
 
     bake = throw(clumps, 80_000, 1, degree=0, level=4)
     assert 2.5 < noise_correction(bake.tree, bake.solution(), current(bake)).mean() < 4.5
