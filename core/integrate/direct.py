@@ -14,10 +14,9 @@ from ..lights.direct_points import GAUSS_POINTS, MOST_TEXELS, STAGES, ReceivingS
 from ..lights.emitter_pool import EmitterPool
 from ..lights.emitters import EmittingMeshes, usable_environment
 from ..lights.emitting_cells import EmittingCells
-from ..lights.environment import EnvironmentTable
+from ..lights.environment import Environment, EnvironmentTable
 from ..lights.lamp_crowd import LampCrowd, RestOfCrowd
 from ..lights.light_links import LightLinks
-from ..lights.sky_openings import Openings
 from ..lights.stratified_choice import Demand, Span
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
@@ -26,7 +25,7 @@ from ..scene.shadow_rays import ShadowRays, collapse
 from ..texels.texel_footprint import TexelFootprints
 from ..texels.tiles import Tiles
 from ..util.ablation import uses
-from ..util.arrays import Float64, FloatArray, IntArray
+from ..util.arrays import Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.coverage import as_slice
 from ..util.geometry import UnitBox
@@ -42,7 +41,7 @@ _COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  #
 class DirectScene:
     """A scene prepared for direct light.
 
-    sky_rays   rays that find what hides a uniform sky; in Cycles these are diffuse rays, not shadow rays
+    sky_rays   rays that find what hides the sky
     sources    one light each
     linked     those of the sources and pools that have light linking
     """
@@ -79,18 +78,21 @@ class DirectScene:
         else:
             pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
-        sky = usable_environment(snapshot)
+        # In Cycles diffuse rays find a uniform sky, shadow rays one that varies with direction.
+        sky, sky_rays = usable_environment(snapshot), rays
+        if world:
+            sky, sky_rays = Environment(world[0].rgb[None].astype(np.float32)), rays.between_surfaces
         table = None if sky is None else EnvironmentTable.of(sky)
         apart = [cells for _, cells in meshes.by_material if cells.link not in whole and seen[cells.link]]
         linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links, apart, sealed))
         sources += [one.source for one in linked if not isinstance(one.source, EmitterPool)]
         pools = (*([pool] if pool else []), *(one.source for one in linked if isinstance(one.source, EmitterPool)))
-        return cls(rays, rays.between_surfaces, receiving, tuple(sources), crowd, pools, two_sided[snapshot.tri_object], table, linked)
+        return cls(rays, sky_rays, receiving, tuple(sources), crowd, pools, two_sided[snapshot.tri_object], table, linked)
 
     def rays_to(self, source: object) -> ShadowRays:
         """The rays that find what hides a source."""
         own = next((one.rays for one in self.linked if one.source is source), self.rays)
-        return self.sky_rays if isinstance(source, (WorldSource, Openings)) else own
+        return self.sky_rays if isinstance(source, (WorldSource, EnvironmentLight)) else own
 
     def find_unlit(self, source: object, tri: IntArray) -> NDArray[np.bool_] | None:
         """(n,) bool: triangles (n,) that light linking excludes from a source; None where it lights all."""
@@ -198,8 +200,6 @@ def direct_irradiance(
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error
-            for few in sampler.openings:
-                by_openings[rows[few.rows]] = True
             if sampler.sky is not None:
                 by_openings[rows[sampler.sky.few]] = True
             out.count(sampler.counters)
@@ -211,8 +211,7 @@ class _ChunkSampler:
 
     beside     (n,) float32, W/m^2: other light of the texels
     counters   DirectLight.counters
-    openings   openings through which some texels see a uniform sky
-    sky        the light of an environment, once it is sampled
+    sky        the light of an environment, once it is sampled; of a uniform one where it is seen through openings
     """
 
     def __init__(
@@ -222,7 +221,6 @@ class _ChunkSampler:
         # Light settled by flat tiles; and the variance, first of this light, in the end of all light.
         self._shared, self._variance = np.zeros((2, len(chunk), 3))
         self._tallies: list[Tally] = []
-        self.openings: list[Openings] = []
         self.sky: EnvironmentLight | None = None
         self.counters = dict.fromkeys(_COUNTERS, 0)
 
@@ -242,10 +240,9 @@ class _ChunkSampler:
             self.counters["out_of_reach"] += int((~tally.in_reach).sum())
             light += tally.light(len(self._chunk))
         found = np.zeros_like(light)
-        if self._scene.environment is not None:
-            self.sky = EnvironmentLight(self._scene.environment, self._scene.rays, self._chunk, self._rng)
-            self.counters["rays"] += self.sky.rays
-        for many in (rest, *self._scene.pools, self.sky, *self.openings):
+        if self._scene.environment is not None and self.sky is None:
+            self._look_at_sky(np.arange(len(self._chunk)))
+        for many in (rest, *self._scene.pools, self.sky):
             if many is not None:
                 base = light + found + self._beside[:, None]
                 rays, unlit = self._scene.rays_to(many), self._scene.find_unlit(many, self._chunk.tri)
@@ -273,12 +270,10 @@ class _ChunkSampler:
             self._variance[:, channel] += (off * power) ** 2
         without = first.closed == 0
         agreed, given, every = first.lit | first.dark | unlit, np.zeros(len(chunk), bool), np.arange(len(chunk))
-        if isinstance(source, WorldSource) and uses("openings"):
-            level = weigh_channels(self._shared) + self._beside
-            few = Openings.find(self._scene.sky_rays, chunk, source, np.flatnonzero(~agreed), first.pilots, level, demand, rng)
-            self.openings.append(few)
-            self.counters["rays"] += few.rays
-            given[few.rows] = True
+        if isinstance(source, WorldSource):
+            sky = self._look_at_sky(np.flatnonzero(~agreed))
+            sky.rows = sky.few  # elsewhere the closed form of a uniform sky serves
+            given[sky.few] = True
         is_left = ~(agreed | without | given)
         rows, place = np.flatnonzero(is_left), np.cumsum(is_left) - 1
         leads = np.where(given[first.leader], every, first.leader)
@@ -290,6 +285,13 @@ class _ChunkSampler:
         self.counters["out_of_reach"] += int(without.sum())
         self.counters["settled"] += int(agreed.sum())
         self.counters["shared"] += int(agreed.sum()) + int((leads != every).sum())
+
+    def _look_at_sky(self, rows: Int64) -> EnvironmentLight:
+        """Prepare the light of the sky at texels rows (m,), ascending."""
+        assert self._scene.environment is not None
+        self.sky = EnvironmentLight(self._scene.environment, self._scene.sky_rays, self._chunk, rows, self._rng)
+        self.counters["rays"] += self.sky.rays
+        return self.sky
 
     def _tell_lamps_apart(self) -> RestOfCrowd | None:
         """Sample the lamps of a crowd that give much one by one; returns the rest, of which a few are chosen at random."""

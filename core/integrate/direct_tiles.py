@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ..lights.direct_lights import Source
 from ..lights.direct_points import MIDDLE, Receivers, TexelChunk, base_points, row_pieces, shift_points
-from ..lights.sky_openings import TracedRays
 from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_grid import interleave_bits
 from ..texels.tiles import NODE_WEIGHTS, TILE_LINES, TILE_NODES, TILE_SIDE, TILE_TEXELS, Tiles
@@ -39,7 +38,6 @@ class TileSamples:
                             the texel's own row
     dark     (n,) bool      the light has no extent and is hidden
     rays     number of rays traced
-    pilots   the rays
     """
 
     closed: Float64
@@ -48,7 +46,6 @@ class TileSamples:
     dark: Bools
     leader: NDArray[np.int64]
     rays: int
-    pilots: TracedRays
 
 
 def sample_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Source, shift: NDArray[np.uint32]) -> TileSamples:
@@ -67,12 +64,10 @@ def sample_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Sour
     reached = np.flatnonzero(accepted)[values.any(axis=1)]
     full, none = np.zeros((2, len(tiles)), bool)
     traced = 0
-    pilots = [(np.zeros(0, np.int64), np.zeros((0, 2), np.float32), np.zeros(0, bool))]
     for piece in row_pieces(reached, TILE_TEXELS):
         rows = texels[piece].ravel()
         to = shift_points(_TILE_POINTS, shift[piece]).transpose(1, 0, 2).reshape(-1, 2)
-        full[piece], none[piece], seen, n_ray = _see_tiles(rays, chunk.receivers(rows, 0, 1), source, to)
-        pilots.append((rows, to, seen))
+        full[piece], none[piece], n_ray = _see_tiles(rays, chunk.receivers(rows, 0, 1), source, to)
         traced += n_ray
     asked, whole = np.zeros((2, len(tiles)), bool)
     asked[reached], whole[accepted] = True, values.all(axis=1)
@@ -84,12 +79,12 @@ def sample_tiles(rays: ShadowRays, chunk: TexelChunk, tiles: Tiles, source: Sour
     else:  # chosen by the low bits of the shift, which points on lights do not use
         chosen = tiles.start + (shift[:, 0] % np.uint32(TILE_TEXELS)).astype(np.int64)
         leader[texels[unlit & whole]] = chosen[unlit & whole, None]
-    return TileSamples(closed, off, lit, dark, leader, traced, TracedRays(*(np.concatenate(part) for part in zip(*pilots, strict=True))))
+    return TileSamples(closed, off, lit, dark, leader, traced)
 
 
-def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, Bools | Float32, int]:
+def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: Float32) -> tuple[Bools, Bools, int]:
     """Trace the first rays of m tiles, from receivers (m * 64). Returns (m,) bool, whether the light is visible as a whole from all of a
-    tile; (m,) bool, whether it is hidden from all of it; the visibility at each receiver; and the number of rays traced.
+    tile; (m,) bool, whether it is hidden from all of it; and the number of rays traced.
     """
     aim = source.aim(receivers.position, receivers.normal, points)
     seen = receivers.see(rays, aim) if source.casts_shadow else Sight(np.ones(len(points), bool), None, 0)
@@ -97,7 +92,7 @@ def _see_tiles(rays: ShadowRays, receivers: Receivers, source: Source, points: F
     # one by one.
     full = (seen.share == 1) & (aim.share > 0) & (aim.weight == aim.share)
     none = (seen.share == 0) | (aim.weight <= 0)
-    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen.share, seen.rays
+    return full.reshape(-1, TILE_TEXELS).all(axis=1), none.reshape(-1, TILE_TEXELS).all(axis=1), seen.rays
 
 
 def _closed_at_tiles(chunk: TexelChunk, tiles: Tiles, source: Source) -> tuple[Bools, Float64, Float64]:

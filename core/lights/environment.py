@@ -80,8 +80,7 @@ class EnvironmentEmitter(Emitter):
         return make_photons(self.cover.place(across, entering_high, rest, u[:, 1]), direction, relative)
 
 
-_PATCH_ROWS, _PATCH_COLUMNS = 32, 64  # patches of the map
-_SECTOR = 4  # patches along each side of a sector; visibility is measured by sector
+_PATCH_ROWS, _PATCH_COLUMNS = 16, 32  # patches of the map
 _NORMAL_ROWS = 48  # rows of the table of irradiance by normal, which has twice as many columns
 
 
@@ -95,7 +94,7 @@ class EnvironmentTable:
     def of(cls, environment: Environment) -> EnvironmentTable:
         """The table of an environment. Cells of a coarse map are divided until none is larger than a patch."""
         height, width, _ = environment.radiance.shape
-        radiance = environment.radiance.repeat(-(-2 * _PATCH_ROWS // height), axis=0).repeat(-(-2 * _PATCH_COLUMNS // width), axis=1)
+        radiance = environment.radiance.repeat(-(-4 * _PATCH_ROWS // height), axis=0).repeat(-(-4 * _PATCH_COLUMNS // width), axis=1)
         return cls(Environment(radiance))
 
     @property
@@ -105,12 +104,12 @@ class EnvironmentTable:
 
     @cached_property
     def _row_start(self) -> Int64:
-        """(33,) int64: first row of the map in each row of patches, and the end."""
+        """(17,) int64: first row of the map in each row of patches, and the end."""
         return -(-np.arange(_PATCH_ROWS + 1) * self._shape[0] // _PATCH_ROWS)
 
     @cached_property
     def _column_start(self) -> Int64:
-        """(65,) int64: the same for columns."""
+        """(33,) int64: the same for columns."""
         return -(-np.arange(_PATCH_COLUMNS + 1) * self._shape[1] // _PATCH_COLUMNS)
 
     @cached_property
@@ -144,12 +143,6 @@ class EnvironmentTable:
         return (sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)).astype(np.float32)
 
     @cached_property
-    def sector(self) -> Int64:
-        """(n_patch,) int64: sector of each patch."""
-        row, column = np.divmod(np.arange(_PATCH_ROWS * _PATCH_COLUMNS), _PATCH_COLUMNS)
-        return row // _SECTOR * (_PATCH_COLUMNS // _SECTOR) + column // _SECTOR
-
-    @cached_property
     def _irradiance_by_normal(self) -> Float32:
         """(rows + 1, columns, 3) float32, W/m^2: unoccluded, for normals at even steps of angle, poles included."""
         polar = np.pi * np.arange(_NORMAL_ROWS + 1) / _NORMAL_ROWS
@@ -171,7 +164,7 @@ class EnvironmentTable:
     def _condense(self) -> tuple[Float32, Float32]:
         """Directions (n, 3) of blocks of cells and their radiance times solid angle (n, 3), fine enough for cosine-weighted integrals."""
         height, width = self._shape
-        rows, columns = min(2 * _PATCH_ROWS, height), min(2 * _PATCH_COLUMNS, width)
+        rows, columns = min(4 * _PATCH_ROWS, height), min(4 * _PATCH_COLUMNS, width)
         block = ((np.arange(height) * rows // height)[:, None] * columns + np.arange(width) * columns // width).ravel()
         toward = find_middles(self._shape).astype(np.float64)
         solid_angle = np.repeat(find_solid_angles(height, width), width)
@@ -220,6 +213,14 @@ class EnvironmentTable:
             out += np.maximum(cosine + np.float32(math.pi / _PATCH_ROWS / 2), 0)
         out *= self.power / normal.shape[1]
         return out
+
+    @staticmethod
+    def blur(values: Float64) -> Float64:
+        """Values (n, n_patch) filtered by the kernel (1, 2, 1) / 4 along rows and columns of patches."""
+        grid = values.reshape(-1, _PATCH_ROWS, _PATCH_COLUMNS)
+        grid = (np.roll(grid, 1, axis=2) + 2 * grid + np.roll(grid, -1, axis=2)) / 4
+        padded = np.pad(grid, ((0, 0), (1, 1), (0, 0)))
+        return ((padded[:, :-2] + 2 * grid + padded[:, 2:]) / 4).reshape(values.shape)
 
 
 class PatchChoice:
