@@ -61,6 +61,14 @@ def fixture_hold(request: pytest.FixtureRequest) -> Callable[..., None]:
 
 
 @pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A clock that stands still until the test sets it: [seconds]."""
+    now = [1000.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+@pytest.fixture
 def part_entries(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """part_entries(count) gives threads so many texel entries at a time from then on."""
 

@@ -3,17 +3,8 @@
 import math
 
 import pytest
-from leaflight.core.bake import deadline
 from leaflight.core.bake.deadline import Deadline, OutOfTime
 from leaflight.core.util.messages import Status
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock that the test sets: [seconds]."""
-    now = [1000.0]
-    monkeypatch.setattr(deadline.time, "monotonic", lambda: now[0])
-    return now
 
 
 def test_without_a_limit_nothing_is_ever_late(clock):

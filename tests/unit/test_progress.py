@@ -1,24 +1,15 @@
 import pytest
-from leaflight.core.util import progress
 from leaflight.core.util.messages import Status
 from leaflight.core.util.progress import Interrupted, ProgressReporter, stretch, unwatched
 
 SAID = Status("charts", "Unwrapping")
 
 
-@pytest.fixture
-def clock(monkeypatch):
-    """Stands still until it is set."""
-    now = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
-    return now
-
-
 def test_a_word_a_second_says_the_share_that_is_done_and_at_what(clock):
     told = []
     speaker = ProgressReporter(told.append)
     for second, share, about in ((0.9, 0.1, ""), (1.1, 0.25, ""), (2.0, 0.3, ""), (2.2, 0.5, "Floor"), (9.0, 0.996, "")):
-        clock[0] = 100.0 + second
+        clock[0] = 1000.0 + second
         speaker.say(SAID, share, about)
     assert told == [
         Status("charts", "Unwrapping, 25%", 0.25),
