@@ -41,9 +41,11 @@ _COUNTERS = ("rays", "pairs", "out_of_reach", "settled", "shared", "sampled")  #
 class DirectScene:
     """A scene prepared for direct light.
 
-    sky_rays   rays that find what hides the sky
-    sources    one light each
-    linked     those of the sources and pools that have light linking
+    sky_rays      rays that find what hides the sky
+    sources       one light each, a uniform sky among them
+    sky           the sky by its directions; None if it is black
+    environment   the same if it is not uniform; else None
+    linked        those of the sources and pools that have light linking
     """
 
     rays: ShadowRays
@@ -53,6 +55,7 @@ class DirectScene:
     crowd: LampCrowd | None
     pools: tuple[EmitterPool, ...]
     tri_two_sided: NDArray[np.bool_]
+    sky: EnvironmentTable | None = None
     environment: EnvironmentTable | None = None
     linked: tuple[_LinkedSource, ...] = ()
 
@@ -79,15 +82,17 @@ class DirectScene:
             pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         # In Cycles diffuse rays find a uniform sky, shadow rays one that varies with direction.
-        sky, sky_rays = usable_environment(snapshot), rays
+        seen_sky, sky_rays = usable_environment(snapshot), rays
         if world:
-            sky, sky_rays = Environment(world[0].rgb[None].astype(np.float32)), rays.between_surfaces
-        table = None if sky is None else EnvironmentTable.of(sky)
+            seen_sky, sky_rays = Environment(world[0].rgb[None].astype(np.float32)), rays.between_surfaces
+        sky = None if seen_sky is None else EnvironmentTable.of(seen_sky)
+        environment = None if world else sky
         apart = [cells for _, cells in meshes.by_material if cells.link not in whole and seen[cells.link]]
         linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links, apart, sealed))
         sources += [one.source for one in linked if not isinstance(one.source, EmitterPool)]
         pools = (*([pool] if pool else []), *(one.source for one in linked if isinstance(one.source, EmitterPool)))
-        return cls(rays, sky_rays, receiving, tuple(sources), crowd, pools, two_sided[snapshot.tri_object], table, linked)
+        tri_two_sided = two_sided[snapshot.tri_object]
+        return cls(rays, sky_rays, receiving, tuple(sources), crowd, pools, tri_two_sided, sky, environment, linked)
 
     def rays_to(self, source: object) -> ShadowRays:
         """The rays that find what hides a source."""
@@ -240,7 +245,7 @@ class _ChunkSampler:
             self.counters["out_of_reach"] += int((~tally.in_reach).sum())
             light += tally.light(len(self._chunk))
         found = np.zeros_like(light)
-        if self._scene.environment is not None and self.sky is None:
+        if self._scene.environment is not None:
             self._look_at_sky(np.arange(len(self._chunk)))
         for many in (rest, *self._scene.pools, self.sky):
             if many is not None:
@@ -288,8 +293,8 @@ class _ChunkSampler:
 
     def _look_at_sky(self, rows: Int64) -> EnvironmentLight:
         """Prepare the light of the sky at texels rows (m,), ascending."""
-        assert self._scene.environment is not None
-        self.sky = EnvironmentLight(self._scene.environment, self._scene.sky_rays, self._chunk, rows, self._rng)
+        assert self._scene.sky is not None
+        self.sky = EnvironmentLight(self._scene.sky, self._scene.sky_rays, self._chunk, rows, self._rng)
         self.counters["rays"] += self.sky.rays
         return self.sky
 
