@@ -33,10 +33,15 @@ def is_made(block: Any) -> bool:
 
 
 def find_original(material: bpy.types.Material | None) -> bpy.types.Material | None:
-    """The user's material behind ours; a material of the user's is its own original."""
-    while is_made(material):
+    """The user's material behind ours; a material of the user's is its own original.
+
+    Also behind that of a linked file, which may show its own bake. Nobody has checked that file's marks.
+    """
+    passed = set()
+    while isinstance(material, bpy.types.Material) and MADE in material and material not in passed:
+        passed.add(material)
         material = material.get(ORIGINAL)
-    return material
+    return material if isinstance(material, bpy.types.Material) else None
 
 
 def local_objects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -216,7 +216,8 @@ def _cover(obj: bpy.types.Object, image: bpy.types.Image, mode: str, uv_layer: s
         copy, told = _provide(copies, obj, original, image, mode, uv_layer)
         warnings += told
         slot.link = "OBJECT"  # never the mesh's own slot: objects that share the mesh keep their materials
-        pointers = {"original": original, "object_material": find_original(slot.material)}
+        own = find_original(slot.material) if is_made(slot.material) else slot.material
+        pointers = {"original": original, "object_material": own}
         held[str(index)] = {"link": link} | {name: block for name, block in pointers.items() if block}
         slot.material = copy
     obj[BAKE]["slots"] = held

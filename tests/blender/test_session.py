@@ -215,6 +215,34 @@ def test_a_scene_that_wears_a_bake_is_read_as_without(request_, folder, tmp_path
     assert note_slots() == shown
 
 
+def link_room(path):
+    """Another file that shows the objects of a saved one."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(path), link=True) as (found, wanted):
+        wanted.objects = found.objects
+    for obj in wanted.objects:
+        bpy.context.scene.collection.objects.link(obj)
+
+
+@pytest.mark.parametrize("has_material", [False, True])
+def test_a_linked_file_that_wears_its_bake_is_read_as_without(request_, folder, tmp_path, has_material):
+    read, first = [], tmp_path / "first"
+    first.mkdir()
+    for wears in (False, True):
+        open_room()
+        if has_material:
+            material = make_material("Paint")
+            material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.8, 0.1, 0.1, 1.0)
+            bpy.data.objects["Floor"].data.materials.append(material)
+        if wears:
+            bake(request_, first)
+        link_room(tmp_path / f"room {wears}.blend")
+        export = prepare(request_, folder).export
+        read.append((export.snapshot.materials, export.snapshot.images, {text for _, text in export.warnings}))
+    assert read[0] == read[1]
+
+
 def delete_cube():
     bpy.data.objects.remove(bpy.data.objects["Cube"])
 
