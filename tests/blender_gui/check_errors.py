@@ -19,11 +19,10 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import FAILED, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+from gui_script import FAILED, choose_parts, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
 
 SCENE_FILE = bpy.data.filepath
 PICTURES = Path(os.environ["PICTURES"]) if "PICTURES" in os.environ else None
-CHOSEN = os.environ.get("PARTS", "").split()
 TICK_SECONDS = 0.05
 WIDTH, BAR_HEIGHT, COLORS = 700, 24, 96
 
@@ -300,12 +299,13 @@ PARTS = (
     child_killed,
     worker_killed,
 )
+CHOSEN = choose_parts(PARTS)
 
 
 def steps() -> Iterator[float]:
     keys = bpy.context.window_manager.keyconfigs.addon.keymaps.new("3D View", space_type="VIEW_3D")
     key = keys.keymap_items.new("leaflight.bake", "F6", "PRESS")
-    for part in [part for part in PARTS if part.__name__ in CHOSEN or not CHOSEN]:
+    for part in CHOSEN:
         try:
             yield from open_room()
             yield from part()

@@ -3,6 +3,7 @@
 A script is a generator: each value is the seconds until its next step, between which Blender draws and handles events.
 """
 
+import os
 import shutil
 import time
 import traceback
@@ -78,10 +79,20 @@ def make_pictures_folder(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
 
 
+def choose_parts(parts: tuple[Callable[[], Iterator[float]], ...], prefix: str = "") -> list[Callable[[], Iterator[float]]]:
+    """Those that the environment variable PARTS names, without the prefix of all names; all where it is not set."""
+    named = {part.__name__.removeprefix(prefix): part for part in parts}
+    chosen = os.environ.get("PARTS", "").split() or list(named)
+    if not set(chosen) <= set(named):
+        raise SystemExit(f"PARTS: expected some of {' '.join(named)}, got {' '.join(chosen)}.")
+    return [named[name] for name in named if name in chosen]
+
+
 def start(steps: Iterator[float], has_checks: bool = True) -> None:
     """Take the steps by a timer, say how many checks failed, and quit Blender."""
     if not hasattr(bpy.context.window_manager, "leaflight_state"):
         raise SystemExit("The extension is not enabled: install it first.")
+    bpy.context.preferences.use_preferences_save = False  # else Blender keeps what follows for whoever works here
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.filepaths.use_auto_save_temporary_files = False
 

@@ -16,10 +16,9 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import area_of, check_all, in_view, make_pictures_folder, region_of, settle, start, state, wait, window
+from gui_script import area_of, check_all, choose_parts, in_view, make_pictures_folder, region_of, settle, start, state, wait, window
 
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
-CHOSEN = os.environ.get("PARTS", "").split()
 TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
 LIT_ERROR = 0.3  # no error is stated before some rounds of photons
@@ -306,11 +305,14 @@ PARTS = (
 )
 
 
+CHOSEN = choose_parts(PARTS, "picture_")
+
+
 def steps() -> Iterator[float]:
     open_groups()
     yield from open_tab()
     chosen().output, chosen().size, chosen().main_pass = tempfile.mkdtemp(prefix="leaflight_images_"), SIZE, "lighting"
-    for part in (part for part in PARTS if part.__name__.removeprefix("picture_") in CHOSEN or not CHOSEN):
+    for part in CHOSEN:
         yield from check_all(part(), part.__name__)
 
 
