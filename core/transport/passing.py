@@ -64,8 +64,11 @@ class Passing:
         return place, leave_through(at, gather(direction, place), gather(self.tri_normal, tri)), gather(through, on)
 
     def leave(self, tri: IntArray, u: _Rows, v: _Rows, direction: _Rows) -> _Rows:
-        """(3, n): share of a lamp's light, in directions (3, n), that does not pass as a shadow ray would: refraction may carry it."""
-        left: _Rows = 1 - self.surfaces.passing_at(tri, u, v, SHADOW, direction).T
+        """(3, n): share of a lamp's light, in directions (3, n), that refraction may carry: not what shadow rays bring through a surface
+        that does not let other rays pass straight on.
+        """
+        shadow, other = (1 - self.surfaces.passing_at(tri, u, v, kind, direction).T for kind in (SHADOW, TRANSMISSION))
+        left: _Rows = np.minimum(shadow / np.maximum(other, _TINY), 1)
         return left
 
     def go_on(

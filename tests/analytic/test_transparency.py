@@ -114,6 +114,14 @@ def test_a_back_reflects_and_glows_for_itself(tmp_path, direct):
     assert (told_apart - black) / (plain - black) == pytest.approx([0.0, 0.5, 1.0], abs=0.04 if direct == "rays" else 0.1)
 
 
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_half_clear_glass_loses_no_light(tmp_path, bare_light, direct):
+    """Glass with an index of refraction of 1 on half of a surface that lets light pass on the other half."""
+    pane = Material("Pane", (0,) * 3, passing_rgb=(0.5,) * 3, glass_rgb=(0.5,) * 3, glass_mirror_rgb=(0.5,) * 3, glass_ior=1.0)
+    light, _ = bake_floor(tmp_path, floor_below(pane, LIGHTS["lamp"]), direct)
+    assert light == pytest.approx(bare_light("lamp"), rel=0.06)
+
+
 def test_half_of_a_mesh_may_be_a_pane(tmp_path):
     """The other triangle of the same object stays opaque: a sun straight above lights one half of the floor."""
     scene = floor_below(Material("Pane", (0,) * 3, passing_rgb=(1,) * 3), LIGHTS["sun"])
