@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...core.util.messages import Done, Error, Message, Preview, Progress, Status, Warning_
+from ...core.util.user_text import strip_subject
 
 _NAMED = 3  # files in one line
 _ENDS = {  # LightField.stopped_by -> where it ended, and what to raise
@@ -32,7 +33,7 @@ def escape_controls(text: str) -> str:
 def _line(message: Message, quiet: bool) -> str:
     match message:
         case Warning_(subject, text):
-            return f"warning: {text if text.startswith(subject) else f'{subject}: {text}'}"
+            return f"warning: {subject}: {strip_subject(text, subject)}" if subject else f"warning: {text}"
         case Error(text):
             return f"error: {text}"
         case Status(text=text) if not quiet:

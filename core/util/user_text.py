@@ -26,7 +26,7 @@ def group_warnings(warnings: Iterable[tuple[str, str]]) -> list[Sentence]:
     """
     subjects: dict[str, tuple[list[str], list[str]]] = {}
     for subject, text in warnings:
-        sentence = _strip_subject(text, subject)
+        sentence = strip_subject(text, subject)
         names, sentences = subjects.setdefault(_NUMBER.sub("0", sentence) if subject else sentence, ([], []))
         names.append(subject)
         sentences.append(sentence)
@@ -58,7 +58,8 @@ def match_name(subject: str, known: Container[str]) -> str:
     return name if name in known else ""
 
 
-def _strip_subject(text: str, subject: str) -> str:
+def strip_subject(text: str, subject: str) -> str:
+    """A sentence without the name that it may begin with."""
     return text.removeprefix(f"{subject}: ") if subject else text
 
 

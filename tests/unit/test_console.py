@@ -18,6 +18,7 @@ PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estim
         (PROGRESS, "leaflight:  25%  1.50 M photons  2.50 M/s  error 4.3%  12 s left\n", ""),
         (Warning_("Lamp", "has no power"), *["leaflight: warning: Lamp: has no power\n"] * 2),
         (Warning_("Lamp", "Lamp: has no power"), *["leaflight: warning: Lamp: has no power\n"] * 2),
+        (Warning_("is", "is linked"), *["leaflight: warning: is: is linked\n"] * 2),
         (Warning_("", "the scene is dark"), *["leaflight: warning: the scene is dark\n"] * 2),
         (Error("nothing to bake."), *["leaflight: error: nothing to bake.\n"] * 2),
         (Preview(0, "page.npy"), "", ""),
