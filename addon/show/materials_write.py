@@ -102,7 +102,8 @@ def show(objects: Iterable[bpy.types.Object]) -> Sentences:
             warnings += _cover(obj, image, bake["mode"], name, copies)
     for image, names in missing.items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        warnings.append((names[0], f"{names[0]}{more}: the baked image {find_path(image)} is missing; put it back, or bake again."))
+        subject = "" if more else names[0]  # else the sentence would be said to be about the first alone
+        warnings.append((subject, f"{names[0]}{more}: the baked image {find_path(image)} is missing; put it back, or bake again."))
     return warnings
 
 

@@ -325,6 +325,16 @@ def test_edit_mode_neither_crashes_nor_loses_the_bake(names, tmp_path):
     assert [key for key in differences(before, dump()) if ".select" not in key] == []
 
 
+@pytest.mark.parametrize(("count", "subject", "start"), [(1, "MultiA", "MultiA: the"), (3, "", "MultiA and 2 more: the")])
+def test_who_lost_an_image_is_said_once(names, tmp_path, count, subject, start):
+    bake(names[:count], tmp_path)
+    restore.toggle_preview(bpy.context.scene, False)
+    (tmp_path / "page_a.png").unlink()
+    ((found, sentence),) = restore.toggle_preview(bpy.context.scene, True)
+    assert found == subject
+    assert sentence.startswith(f"{start} baked image")
+
+
 def test_another_files_bake_is_left_to_that_file(names, tmp_path):
     bake(names, tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
