@@ -182,6 +182,7 @@ def picture_refine() -> Iterator[float]:
 
 def picture_other_ends() -> Iterator[float]:
     draw_little()
+    press("remove")  # an earlier bake would stand between the bar and what is told
     chosen().quality = "DRAFT"
     press("bake", "INVOKE_DEFAULT")
     with in_view():
