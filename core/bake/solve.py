@@ -96,7 +96,6 @@ class Solver:
         self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
         self._pilots: tuple[RadiositySolution, PilotError] | None = None  # result of _gather_pilots, and its reading
-        self._gathers_once = False  # at the photon limit, where more rays would not reach the requested error
         self.metric = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
@@ -164,8 +163,10 @@ class Solver:
     def _choose_step(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> SamplingStep | None:
         """The step that sends more rays from texels, if it reduces the error by more than further photons do."""
         settings, ledger = self.settings, self.ledger
-        if settings.direct != "rays" or (self.gathered and (self._gathers_once or stated.chosen <= settings.error)):
+        if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
             return None
+        if self.gathered and self._is_last and stated.photons > settings.error:
+            return None  # more rays do not reach the requested error, for the photons' noise alone exceeds it
         if self.gathered is None and self._may_gather(reading, stated):
             return partial(self._gather, reading, np.arange(len(self.tracing.texels)))
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
@@ -176,6 +177,11 @@ class Solver:
             return partial(self._gather, reading, worst, repeats=repeats)
         return partial(self._shoot_again, reading, worst, repeats)
 
+    @property
+    def _is_last(self) -> bool:
+        """Whether no more photons may be traced."""
+        return self.settings.max_photons - self.ledger.photons < 2
+
     def _other_light(self, reading: RadiositySolution) -> ReferenceLevel | None:
         """Light shown beside direct light, estimated from photons; None where direct light is a pass of its own."""
         if "direct" in self.settings.passes or not uses("reference_level"):
@@ -183,22 +189,22 @@ class Solver:
         return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
 
     def _may_gather(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> bool:
-        """Whether to gather indirect light: leaves do not reach the requested error, and gathered light would. Where no more photons may be
+        """Whether to gather indirect light: what rays meet is known well enough to reach the requested error. Where no more photons may be
         traced, it is enough that gathered light would err less than leaves.
+
+        Leaves alone never end a bake that may gather: beside contacts and edges they blur, which their stated error hardly contains.
         """
         settings = self.settings
         if not settings.gather or settings.direct != "rays" or not settings.hierarchical or not settings.wants_all_light:
             return False  # a gather ray adds one bounce
-        of_leaves2 = stated.relative**2 - stated.direct**2
-        if self.round < _FIRST_GATHERING or of_leaves2 <= (1.0 - DIRECT_SHARE**2) * settings.error**2:
+        if self.round < _FIRST_GATHERING:
             return False
         if stated.relative <= _SURELY_KNOWN * settings.error or not uses("gather_pilots"):
             return stated.relative <= _SURELY_KNOWN * settings.error
         pilots = self._gather_pilots(reading, stated)
-        if pilots.cautious2 <= _GATHERED_SHARE * settings.error**2:
-            return True
-        self._gathers_once = settings.max_photons - self.ledger.photons < 2 and pilots.photons2 + pilots.rays2 < of_leaves2
-        return self._gathers_once
+        if self._is_last:
+            return pilots.photons2 <= stated.relative**2 - stated.direct**2
+        return pilots.cautious2 <= _GATHERED_SHARE * settings.error**2
 
     def _gather_pilots(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> PilotError:
         """Gather light at some blocks of texels, once for each reading, to estimate the error of gathered light."""
@@ -214,7 +220,7 @@ class Solver:
     def _find_known(self, reading: RadiositySolution) -> KnownLight:
         """The light that gather rays meet."""
         light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
-        return KnownLight(light, self.direct.irradiance, doubt, *self.cell_tally.irradiance(self.tracing.cells))
+        return KnownLight(light, doubt, *self.cell_tally.irradiance(self.tracing.cells))
 
     def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         other = self._other_light(reading)

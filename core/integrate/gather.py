@@ -53,14 +53,12 @@ class KnownLight:
     """Light at all n texel entries that rays may meet, W/m^2.
 
     light           (3, n) float32: direct, and indirect by photons so far
-    direct          (n, 3) float32
     doubt           (n,) float32: half of what one half of the photons tells more than the other, mean of channels
     on_cells        (2, 3, n_cell) float32: light on sides without a lightmap by photons, indirect and straight from lamps
     cell_doubt      (2, n_cell) float32: as doubt
     """
 
     light: Float32
-    direct: Float32
     doubt: Float32
     on_cells: Float32
     cell_doubt: Float32
@@ -112,25 +110,20 @@ class GatheredLight:
     by_openings: bool = False
 
 
-def gather_light(
-    scene: GatherScene,
-    known: KnownLight,
-    texel: IntArray,
-    rng: np.random.Generator,
-    tolerance: float,
-) -> GatheredLight:
-    """Light from surfaces at texels (n,) int; the other arguments as of direct.direct_irradiance, the tolerance relative to all light."""
+def gather_light(scene: GatherScene, known: KnownLight, texel: IntArray, rng: np.random.Generator, n_ray: int) -> GatheredLight:
+    """Light from surfaces at texels (n,) int, by n_ray rays from each, the end of a stage of STAGES."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
-    doubt, n_ray = np.zeros(len(texel), np.float32), 0
+    doubt, traced = np.zeros(len(texel), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.footprints_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
-        rows, base = np.arange(len(chunk)), known.direct[texel[part]].astype(np.float64)
-        light, error, traced = sample_adaptively(gathering.sample, rows, Demand(tolerance), base)
+        every, nothing = np.arange(len(chunk)), np.zeros((len(chunk), 3))
+        # No texel stops early: by its own rays alone it would where they happen to meet nothing bright, which loses up to 1 % of the light.
+        light, error, n = sample_adaptively(gathering.sample, every, Demand(0.0), nothing, ((0, n_ray),))
         irradiance[part] += light
         variance[part] += error
         doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)
-        n_ray += traced
-    return GatheredLight(irradiance, variance, doubt, {"rays": n_ray})
+        traced += n
+    return GatheredLight(irradiance, variance, doubt, {"rays": traced})
 
 
 class _Gathering:

@@ -50,7 +50,6 @@ class TexelShard:
     turn: int  # how many times such rays have been sent before in this bake
     start: int  # position of the shard in its turn
     texels: IntArray | range  # ascending; a range is sooner sent
-    tolerance: float  # see direct.direct_irradiance and gather.gather_light
 
     @property
     def entries(self) -> IntArray:
@@ -64,8 +63,12 @@ class TexelShard:
 
 @dataclass(frozen=True)
 class DirectShard(TexelShard):
-    """Shadow rays; the view's folder holds reference_level.ReferenceLevel, "" where nothing is known of it; dark: see stratified_choice."""
+    """Shadow rays; the view's folder holds reference_level.ReferenceLevel, "" where nothing is known of it.
 
+    tolerance   see direct.direct_irradiance; dark: see stratified_choice
+    """
+
+    tolerance: float
     view: str = ""
     dark: float = 0.0
 
@@ -93,13 +96,14 @@ def light_texels(shard: DirectShard) -> direct.DirectLight:
 class GatherShard(TexelShard):
     """Rays to the surfaces that the texels see; the view's folder holds gather.KnownLight."""
 
+    n_ray: int  # of each texel
     view: str  # folder
 
 
 def gather_texels(shard: GatherShard) -> gather.GatheredLight:
     """Light from surfaces at the texels of a shard."""
     scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
-    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.tolerance)
+    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.n_ray)
 
 
 @keep_scene_open

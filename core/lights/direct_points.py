@@ -58,12 +58,13 @@ def _shuffle_stages(points: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]
 
 
 def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], Int64]:
-    """Ranks of each stage's points in the Morton order of their strata, in which successive points are near each other.
+    """Ranks of each stage's points, and of all points up to its end, in the Morton order of their strata, in which successive points are
+    near each other.
 
     Digital shifts permute whole strata, so this stays true.
     """
     out = {}
-    for first, last in STAGES:
+    for first, last in {*STAGES, *((0, last) for _, last in STAGES)}:
         order = np.argsort(interleave_bits(*(points[first:last].T >> np.uint32(16)).astype(np.int64)))
         out[first, last] = np.argsort(order)
         out[first, last].flags.writeable = False

@@ -246,7 +246,7 @@ def test_only_our_own_files_are_removed(tmp_path, kept):
 
 def test_progress_tells_of_the_photons_of_this_time_only(tmp_path, kept):
     first = read_info(kept)
-    solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False), []
+    solver, told = make_solver(tmp_path / "second", lamp_scene(), replace(SETTINGS, gather=False), begun=False), []
     load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
     solver.started -= 100.0
     light = solver.run(told.append, lambda: False)
