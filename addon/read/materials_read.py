@@ -215,7 +215,7 @@ class _Sides:
 
 
 def _read_sides(reader: ColorReader, material: Any, front: Surface) -> _Sides:
-    """By a reader that has read what the mean of all views of the front shows, and whose nodes tell views apart."""
+    """What differs between views. The reader has read the front as the mean of all views, and some of its nodes depend on the view."""
     before = list(reader.replaced)
     reader.is_back = True
     back = read_material(reader, material)

@@ -36,7 +36,7 @@ Sentences = list[tuple[str, str]]  # (subject, sentence)
 
 
 Pair = tuple[bpy.types.Object, bpy.types.Image]
-Copies = dict[tuple[Any, ...], bpy.types.Material]  # ours, by all that tells one from another
+Copies = dict[tuple[Any, ...], bpy.types.Material]  # ours; the key holds all in which they differ
 
 
 def assign(pairs: Iterable[Pair], mode: str = "combined", uv_layer: str = "") -> Sentences:
@@ -193,7 +193,7 @@ def _remove_added_slot(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> N
 def _provide(
     copies: Copies, obj: bpy.types.Object, original: bpy.types.Material | None, image: bpy.types.Image, mode: str, uv_layer: str
 ) -> tuple[bpy.types.Material, Sentences]:
-    """Our copy of a material for an object, made where there is none yet, and what is to be told of making it."""
+    """Our copy of a material for an object, made where there is none yet, and the warnings from making it."""
     place = PLACE if PLACE in obj else ""
     key = (original, image, uv_layer, place)
     warnings: Sentences = []

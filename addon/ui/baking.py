@@ -118,7 +118,7 @@ class Baking:
 
     def _show_on(self, context: bpy.types.Context, showing: Preparation[bool]) -> None:
         """Go on with bringing the objects up to date. Until it is done nothing else reaches the scene, as while it is read."""
-        is_done = self._find_scene() is None  # which the bake's end tells
+        is_done = self._find_scene() is None  # the end of the bake reports it
         if not is_done:
             with self._bake_scene(context):
                 is_done = showing.advance(_SLICE_SECONDS) is not None
