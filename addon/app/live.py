@@ -54,7 +54,7 @@ class LiveView:
         if not restore.has_bake(scene):
             uid = scene.session_uid
             try:
-                self._warnings = yield from session.show_pages(context, self._work, layout, self._make_images())
+                self._warnings = yield from session.show_pages(scene, context.view_layer, self._work, layout, self._make_images())
             except GeneratorExit:
                 for one in [one for one in bpy.data.scenes if one.session_uid == uid]:  # none if it was deleted
                     restore.remove_bake(one)
@@ -69,11 +69,15 @@ class LiveView:
         return True
 
     def finish(self, context: bpy.types.Context, result: dict[str, Any]) -> session.Warnings:
+        """`finish_steps` at once."""
+        return run_steps(self.finish_steps(context, result))
+
+    def finish_steps(self, context: bpy.types.Context, result: dict[str, Any]) -> Steps[session.Warnings]:
         """Put the result in place of the light so far; gives what could not be done."""
         scene = context.scene
         if not (self._layout and is_live(scene) and self._is_whole(scene, self._layout)):
-            self.take_off()
-            return session.assign(context, self._work, result)
+            yield from self.take_off_steps()
+            return (yield from session.assign_steps(context, self._work, result))
         baked = session.compare_prints(scene, self._work, self._layout)
         found = session.load_pages(self._work.request, result)
         for page, image in worn_images(scene).items():
@@ -83,10 +87,21 @@ class LiveView:
         session.mark_bake(scene, self._work, result, baked)
         return self._warnings
 
+    def end_steps(self, context: bpy.types.Context, result: dict[str, Any] | None) -> Steps[session.Warnings]:
+        """`finish_steps`, or `take_off_steps` where the bake has no result."""
+        if result is not None:
+            return (yield from self.finish_steps(context, result))
+        yield from self.take_off_steps()
+        return []
+
     def take_off(self) -> None:
+        """`take_off_steps` at once."""
+        run_steps(self.take_off_steps())
+
+    def take_off_steps(self) -> Steps[None]:
         """Everything as it was before the first light."""
         shown = [scene for scene in bpy.data.scenes if is_live(scene)]
-        take_off()
+        yield from take_off_steps()
         for scene in shown:
             if self._was_hidden and restore.has_bake(scene):
                 restore.toggle_preview(scene, False)
@@ -126,13 +141,18 @@ def is_live_image(image: bpy.types.Image | None) -> bool:
 
 
 def take_off() -> None:
+    """`take_off_steps` at once."""
+    run_steps(take_off_steps())
+
+
+def take_off_steps() -> Steps[None]:
     """Takes the light of unfinished bakes off all scenes: also what an undo step or an automatic save brought back."""
     for image in filter(is_live_image, bpy.data.images):
         if image.get(STANDS_FOR):
             image.user_remap(image[STANDS_FOR])
-    for scene in bpy.data.scenes:
+    for scene in list(bpy.data.scenes):
         if is_live(scene):
-            restore.remove_bake(scene)
+            yield from restore.remove_steps(scene)
     _remove_images()
 
 

@@ -222,16 +222,21 @@ def finish_files(scene: bpy.types.Scene, result: dict[str, Any]) -> None:
 
 
 def assign(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Warnings:
+    """`assign_steps` at once."""
+    return run_steps(assign_steps(context, session, result))
+
+
+def assign_steps(context: bpy.types.Context, session: Session, result: dict[str, Any]) -> Steps[Warnings]:
     """Put UV layers and images on the baked objects, in place of any earlier bake; gives what could not be done.
 
     A bake of objects that were named leaves the others the bake that they carry.
     """
-    layout, scene = get_layout(session), context.scene
+    layout, scene, view_layer = get_layout(session), context.scene, context.view_layer  # between two steps the user may show another scene
     part, baked = _find_part(session, layout) if session.request.objects else None, compare_prints(scene, session, layout)
-    if restore.remove_bake(scene, part):
-        context.view_layer.update()  # with thousands of objects it takes as long as all else here
+    if (yield from restore.remove_steps(scene, part)):
+        view_layer.update()  # with thousands of objects it takes as long as all else here
     others = part is not None and restore.has_bake(scene)
-    warnings = run_steps(show_pages(context, session, layout, load_pages(session.request, result)))
+    warnings = yield from show_pages(scene, view_layer, session, layout, load_pages(session.request, result))
     if others:
         warnings += restore.toggle_preview(scene, True)
     mark_bake(scene, session, result, baked)
@@ -264,14 +269,16 @@ def _find_part(session: Session, layout: Layout) -> set[bpy.types.Object]:
     return named | {obj for obj in export_scene.find_objects(baked) if obj is not None}
 
 
-def show_pages(context: bpy.types.Context, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]) -> Steps[Warnings]:
+def show_pages(
+    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, session: Session, layout: Layout, page_image: dict[int, bpy.types.Image]
+) -> Steps[Warnings]:
     """Put UV layers and these images on the baked objects, which carry no bake; gives what could not be done.
 
     Whoever closes the generator takes off what was put on until then.
     """
     export = session.export
     baked = [i for i, page in enumerate(layout.object_page) if page in page_image]
-    targets, warnings = _find_targets(context, [export.objects[i] for i in baked])
+    targets, warnings = _find_targets(scene, view_layer, [export.objects[i] for i in baked])
     found = [(i, obj) for i in baked if (obj := targets.get(export.objects[i].name))]
     to_write = [(i, obj) for i, obj in found if not export.snapshot.objects[i].has_layer]
     failed, told = yield from write_layers(export, layout, to_write, session.request.settings.share_meshes)
@@ -282,8 +289,8 @@ def show_pages(context: bpy.types.Context, session: Session, layout: Layout, pag
     mode = _pick_mode(session.request)
     warnings += yield from materials_write.assign_steps(ours, mode, "")
     warnings += yield from materials_write.assign_steps(theirs, mode, session.request.uv_layer)
-    warnings += _warn_shared(context.scene, [obj for _, obj in found])
-    mark_layout(context.scene, layout, page_image, warnings)
+    warnings += _warn_shared(scene, [obj for _, obj in found])
+    mark_layout(scene, layout, page_image, warnings)
     return warnings
 
 
@@ -328,7 +335,9 @@ def _keep(path: Path) -> Path:
     return path if path.parent.name.startswith(SPARE_PREFIX) else keep_page(path)
 
 
-def _find_targets(context: bpy.types.Context, exported: list[export_scene.ExportedObject]) -> tuple[dict[str, bpy.types.Object], Warnings]:
+def _find_targets(
+    scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer, exported: list[export_scene.ExportedObject]
+) -> tuple[dict[str, bpy.types.Object], Warnings]:
     """The objects that carry the bake, by name in the snapshot: the user's own, or copies made now."""
     targets: dict[str, bpy.types.Object] = {}
     warnings: Warnings = []
@@ -341,8 +350,8 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
         targets[one.name] = obj
     if copies:
         ignored: Warnings = []  # the export has told them already
-        with evaluate_for_render(context.scene, context.view_layer, ignored) as depsgraph:
-            for piece in walk_pieces(context.view_layer, depsgraph):
+        with evaluate_for_render(scene, view_layer, ignored) as depsgraph:
+            for piece in walk_pieces(view_layer, depsgraph):
                 if piece.key not in copies:
                     continue
                 one = copies[piece.key]
@@ -350,10 +359,10 @@ def _find_targets(context: bpy.types.Context, exported: list[export_scene.Export
                     continue
                 try:
                     matrix = Matrix(piece.matrix.tolist())
-                    targets[one.name] = baked_copies.make_copy(context.scene, piece.source, piece.evaluated, matrix)
+                    targets[one.name] = baked_copies.make_copy(scene, piece.source, piece.evaluated, matrix)
                 except ValueError as reason:
                     warnings.append((one.source, str(reason)))
-        baked_copies.set_copies_visible(context.scene, True)  # only now: evaluate_for_render had lent itself their visibility
+        baked_copies.set_copies_visible(scene, True)  # only now: evaluate_for_render had lent itself their visibility
     return targets, warnings
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
@@ -38,6 +39,23 @@ def run_steps(steps: Generator[Any, Any, T], watch: Callable[[Any], None] = lamb
             watch(next(steps))
         except StopIteration as end:
             return end.value
+
+
+def never_halved(steps: Steps[T]) -> Steps[T]:
+    """The same steps. Closing them runs the rest at once: what they change must not be left half done."""
+    sent = None
+    while True:
+        try:
+            pause = steps.send(sent)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        try:
+            sent = yield pause
+        except GeneratorExit:
+            with contextlib.suppress(ReferenceError):  # the scene was deleted meanwhile
+                run_steps(steps)
+            raise
 
 
 def run_aside(call: Callable[[], T]) -> Steps[T]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import bpy
 
 from ..read import baked_copies, uv_layer
+from ..read.steps import Pause, Steps, run_steps
 from ..read.tags import MADE, find_original, is_made, local_objects, remove_blocks, remove_mark, remove_marks
 from . import images, materials_write
 from .layout import LAYOUT, SPARE
@@ -19,9 +20,15 @@ OBJECT_MARKS = (MADE, materials_write.BAKE, baked_copies.SOURCE, baked_copies.HI
 
 
 def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types.Object] | None = None) -> bool:
+    """`remove_steps` at once."""
+    return run_steps(remove_steps(scene, part))
+
+
+def remove_steps(scene: bpy.types.Scene | None = None, part: Collection[bpy.types.Object] | None = None) -> Steps[bool]:
     """Restores slots, materials, UV layers, meshes and visibility and deletes all that we made, of one scene or of all.
 
     Image files on disk stay. Gives whether copies of objects were among it, see baked_copies.remove_copies.
+    All slots are restored in one step, since Blender evaluates all of the scene's relations anew after each that changes one.
 
     part   only of these objects and their copies; the others keep their bake, but what is told of it on the scene goes
     """
@@ -33,12 +40,14 @@ def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types
     for obj in objects:
         materials_write.uncover(obj)
         remove_mark(obj, materials_write.BAKE)
+    yield Pause.HOLD
     worn = materials_write.find_worn_meshes()  # by objects of another scene, or of another bake
     meshes = _local_meshes(objects, everything=scene is None)
     materials_write.release_meshes(meshes)
     for mesh in meshes:
         if mesh not in worn:
             uv_layer.remove_layer(mesh)
+            yield Pause.HOLD
     # An object of two scenes wears one bake: with it, the other scene may have lost the last of its own.
     for one in [one for one in bpy.data.scenes if one == scene or not (one.library or (scene and has_bake(one)))]:
         for mark in (LAYOUT, SPARE, MISSING, PRINTS):
@@ -48,6 +57,7 @@ def remove_bake(scene: bpy.types.Scene | None = None, part: Collection[bpy.types
         baked_copies.restore_shared_mesh(obj)
         for mark in OBJECT_MARKS:
             remove_mark(obj, mark)
+    yield Pause.HOLD
     _remove_materials(everything=scene is None)
     images.remove_unused_images()
     if scene is None:

@@ -6,7 +6,7 @@ import math
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from ..app.preparation import Preparation
 from ..app.request import find_mode_error, find_output_error, make_request
 from ..app.scene_meter import find_worn
 from ..read.export_scene import READING
-from ..read.steps import Steps
+from ..read.steps import Steps, never_halved
 from ..show.layout import mark_result
 from ..show.redraw import redraw
 from ..show.shown_pages import note_pages
@@ -32,8 +32,8 @@ from . import preferences, sound
 from .panel_parts import describe_plan
 
 _TIMER_SECONDS = 0.1
-_FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
-_SLICE_SECONDS = 0.1  # of preparation at a time: Blender must stay smooth
+FIRST_TIMER_SECONDS = 0.02  # until there is light: whoever has pressed Bake waits for it
+SLICE_SECONDS = 0.1  # of preparation at a time: Blender must stay smooth
 _TEXT_SECONDS = 0.25  # between two texts: nobody reads faster, and drawing them takes time from the bake
 _FAULT = "The bake could not be shown: this is a fault of Leaflight's, please report it with the text in the system console."
 _HINT = "Esc: stop and keep the best so far"
@@ -54,6 +54,8 @@ class Baking:
     _folder: tempfile.TemporaryDirectory[str] | None = None
     _preparation: Preparation[session.Session] | None = None
     _showing: Preparation[bool] | None = None  # the first light, while it is put on
+    _ending: Preparation[session.Warnings] | None = None  # the result, while it is put on, or light without one, while it is taken off
+    _result: dict[str, Any] | None = None
     _timer: Any = None
     _timer_seconds = 0.0
     _shown: tuple[str, str] = ("", "")
@@ -75,10 +77,10 @@ class Baking:
             return self.execute(context)
         if not self._start(context, preview=True):
             return {"CANCELLED"}
-        ended = self._prepare(context, _SLICE_SECONDS)
+        ended = self._prepare(context, SLICE_SECONDS)
         if ended:
             return ended
-        self._set_timer(context, _FIRST_TIMER_SECONDS)
+        self._set_timer(context, FIRST_TIMER_SECONDS)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -93,11 +95,11 @@ class Baking:
         state = get_state(context)
         if self._preparation is not None:
             return self._follow_preparation(context, event, self._preparation)
-        if event.type == "ESC" and event.value == "PRESS" and not state.stopping:
+        if event.type == "ESC" and event.value == "PRESS" and not state.stopping and self._ending is None:
             state.cancel()
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
-            return {"PASS_THROUGH"} if self._showing is None else {"RUNNING_MODAL"}
+            return {"PASS_THROUGH"} if self._showing is None and self._ending is None else {"RUNNING_MODAL"}
         if self._showing is not None:
             self._show_on(context, self._showing)
             return {"RUNNING_MODAL"}
@@ -105,10 +107,10 @@ class Baking:
         if isinstance(self._ended, Done) and session.has_result(self._session) and context.mode.startswith("EDIT") and not state.discarded:
             state.notice = "Leave Edit Mode to see the bake"
         elif self._ended:
-            return self._finish(context, self._ended)
+            return self._finish(context, self._ended, SLICE_SECONDS) or {"RUNNING_MODAL"}
         elif state.previews and not context.mode.startswith("EDIT"):
             paths, showing = state.take_previews(), self._live
-            self._showing = Preparation(lambda: showing.show_steps(bpy.context, paths), _count_updates)
+            self._showing = Preparation(lambda: showing.show_steps(bpy.context, paths), count_updates)
             state.give_back = self._showing.give_back
             self._show_on(context, self._showing)
         if state.progress:  # no first light came, or Edit Mode hides it
@@ -118,10 +120,10 @@ class Baking:
 
     def _show_on(self, context: bpy.types.Context, showing: Preparation[bool]) -> None:
         """Go on with bringing the objects up to date. Until it is done nothing else reaches the scene, as while it is read."""
-        is_done = self._find_scene() is None  # the end of the bake reports it
+        is_done = find_scene(self._scene_uid) is None  # the end of the bake reports it
         if not is_done:
             with self._bake_scene(context):
-                is_done = showing.advance(_SLICE_SECONDS) is not None
+                is_done = showing.advance(SLICE_SECONDS) is not None
         if is_done:
             self._showing = None
             redraw(context, "WINDOW")
@@ -138,21 +140,22 @@ class Baking:
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"} if preparation.holds else {"PASS_THROUGH"}
-        ended = self._prepare(context, _SLICE_SECONDS)
+        ended = self._prepare(context, SLICE_SECONDS)
         self._show(context)
         return ended or {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not self._start(context, preview=False):
             return {"CANCELLED"}
-        return self._prepare(context, math.inf) or self._finish(context, self._ended or get_state(context).wait())
+        return self._prepare(context, math.inf) or self._finish(context, self._ended or get_state(context).wait()) or {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Blender quits, opens a file, or closes the window; only then does it come to the timer, for data is not to be changed now."""
         if self._preparation is not None:  # of a window that closes: before a file is opened, the scene was put back already
             self._preparation.close()
-        if self._showing is not None:
-            self._showing.close()
+        for work in (self._showing, self._ending):
+            if work is not None:
+                work.close()
         get_state(context).forget()
         self._clean_up(context)
         bpy.app.timers.register(live.take_off if self._live is None else self._live.take_off, first_interval=0.0)
@@ -167,6 +170,7 @@ class Baking:
             return False
         state, began = get_state(context), time.monotonic()
         self._ended: Done | Error | None = None
+        self._ending = self._result = None
         self._live: live.LiveView | None = None
         self._folder = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
         self._pace = find_worn(context).pace
@@ -196,7 +200,7 @@ class Baking:
         """Go on with the export; gives how the operator ends, if it does."""
         assert self._preparation is not None
         state = get_state(context)
-        if self._find_scene() is None:
+        if find_scene(self._scene_uid) is None:
             self._fail(context, "The scene was deleted before it was read.")
             return {"CANCELLED"}
         try:
@@ -217,7 +221,7 @@ class Baking:
         else:
             state.begin(self._process, self._began, warnings, prepared.request.settings.error, self._scene_uid)
             state.plan = self._plan if self._plan[0] else describe_plan(context, len(prepared.export.objects))
-        return self._finish(context, self._ended) if self._ended else None
+        return self._finish(context, self._ended, seconds) if self._ended else None
 
     def _fail(self, context: bpy.types.Context, error: str) -> None:
         """End what has not even begun to bake."""
@@ -229,26 +233,29 @@ class Baking:
             self.report({"ERROR"}, error)
         self._clean_up(context)
 
-    def _finish(self, context: bpy.types.Context, ended: Done | Error) -> set[str]:
+    def _finish(self, context: bpy.types.Context, ended: Done | Error, seconds: float = math.inf) -> set[str] | None:
+        """Go on with showing the result, or taking off the light of a bake without one; gives how the operator ends, once it does."""
         state = get_state(context)
-        error, result = _FAULT, None
+        error, result, is_over = _FAULT, None, True
         try:
-            if isinstance(ended, Error) or state.discarded or not session.has_result(self._session):
-                error = ended.text if isinstance(ended, Error) and not state.discarded else ""
-            else:
-                found = session.read_result(self._session) | {"resumed": self._session.request.resume is not None}
-                with self._bake_scene(context):
-                    session.finish_files(bpy.context.scene, found)
-                    state.warnings += self._live.finish(bpy.context, found)
-                    note_pages(context.window_manager.leaflight_pages)
-                error, result = "", found
+            if self._ending is None:
+                self._begin_ending(context, ended)
+            with self._bake_scene(context) if self._result else nullcontext():
+                warnings = self._ending.advance(seconds)
+                if warnings is None:
+                    is_over = False
+                    return None
+                state.warnings += warnings
+                note_pages(context.window_manager.leaflight_pages)
+            error, result = ended.text if isinstance(ended, Error) and not state.discarded else "", self._result
         except (ValueError, OSError) as reason:
             error = str(reason)
         finally:  # a fault of ours goes on to Blender's console, but leaves no bake that runs for ever
-            state.end(error, result, self._pace)
-            self._live.take_off()
-            self._clean_up(context)
-        scene = self._find_scene()
+            if is_over:
+                state.end(error, result, self._pace)
+                self._live.take_off()
+                self._clean_up(context)
+        scene = find_scene(self._scene_uid)
         if result is not None and scene is not None:
             mark_result(scene, state.worn[self._scene_uid])
             if context.window is not None and preferences.wants(context, "sound"):
@@ -264,10 +271,21 @@ class Baking:
         self.report({"WARNING"} if count else {"INFO"}, f"{lines[0]}, {lines[1].lower()}{told}")
         return {"FINISHED"}
 
+    def _begin_ending(self, context: bpy.types.Context, ended: Done | Error) -> None:
+        state, showing = get_state(context), self._live
+        found = None
+        if not (isinstance(ended, Error) or state.discarded) and session.has_result(self._session):
+            found = session.read_result(self._session) | {"resumed": self._session.request.resume is not None}
+            with self._bake_scene(context):
+                session.finish_files(bpy.context.scene, found)
+        self._result = found
+        self._ending = Preparation(lambda: never_halved(showing.end_steps(bpy.context, found)), count_updates)
+        state.give_back = self._ending.give_back
+
     @contextmanager
     def _bake_scene(self, context: bpy.types.Context) -> Iterator[None]:
         """The scene that was baked, whichever is shown now."""
-        scene = self._find_scene()
+        scene = find_scene(self._scene_uid)
         if scene is None:
             raise ValueError("the scene was deleted during the bake; the images are in the output folder.")
         if scene == context.scene:
@@ -277,9 +295,6 @@ class Baking:
         with context.temp_override(scene=scene, view_layer=view_layer):
             yield
 
-    def _find_scene(self) -> bpy.types.Scene | None:
-        return next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
-
     def _abandon(self, context: bpy.types.Context) -> None:
         """End a bake that a fault of ours has left without anyone to follow it."""
         state = get_state(context)
@@ -288,9 +303,10 @@ class Baking:
             if self._preparation is not None:
                 self._preparation.close()
                 self._preparation = None
-            if self._showing is not None:
-                self._showing.close()
-                self._showing = None
+            for work in (self._showing, self._ending):
+                if work is not None:
+                    work.close()
+            self._showing = self._ending = None
             state.end(_FAULT)
             self._clean_up(context)
             live.take_off() if self._live is None else self._live.take_off()
@@ -320,7 +336,12 @@ class Baking:
         redraw(context, "UI")
 
 
-def _count_updates() -> int:
+def find_scene(uid: int) -> bpy.types.Scene | None:
+    """The scene of a session_uid, None if it was deleted."""
+    return next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+
+
+def count_updates() -> int:
     """Changes of Blender's data until now; what a step itself has changed is no news to the next."""
     bpy.context.view_layer.update()
     return int(bpy.context.window_manager.leaflight_meter.updates)

@@ -11,9 +11,11 @@ from ..app import live
 from ..app.arguments import BakeRequest
 from ..app.kept_state import describe_lack, refine_request, remove_state
 from ..app.marks_check import drop_broken_marks
+from ..app.preparation import Preparation
 from ..app.request import make_request
+from ..read.steps import never_halved
 from ..show import restore, shown_pages, view_shading
-from .baking import Baking, get_state, is_out_of_edit_mode
+from .baking import FIRST_TIMER_SECONDS, SLICE_SECONDS, Baking, count_updates, find_scene, get_state, is_out_of_edit_mode
 
 
 @bpy.app.handlers.persistent
@@ -146,9 +148,36 @@ class LEAFLIGHT_OT_remove(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return restore.has_bake(context.scene) and not get_state(context).running and is_out_of_edit_mode(cls, context)
 
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if context.window is None:
+            return self.execute(context)
+        remove_state(context.scene)
+        self._scene_uid = context.scene.session_uid
+        self._removal = Preparation(lambda: never_halved(restore.remove_steps(find_scene(self._scene_uid))), count_updates)
+        get_state(context).give_back = self._removal.give_back
+        if self._removal.advance(SLICE_SECONDS) is not None:
+            return self._conclude(context)
+        self._timer = context.window_manager.event_timer_add(FIRST_TIMER_SECONDS, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Until all is removed nothing else reaches the scene."""
+        is_there = find_scene(self._scene_uid) is not None
+        if is_there and (event.type != "TIMER" or self._removal.advance(SLICE_SECONDS) is None):
+            return {"RUNNING_MODAL"}
+        context.window_manager.event_timer_remove(self._timer)
+        return self._conclude(context)
+
+    def cancel(self, _context: bpy.types.Context) -> None:
+        self._removal.close()
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         remove_state(context.scene)
         restore.remove_bake(context.scene)
+        return self._conclude(context)
+
+    def _conclude(self, context: bpy.types.Context) -> set[str]:
         view_shading.restore_views()
         state = get_state(context)
         if state.scene == context.scene.session_uid:  # of another scene's bake the panel goes on telling

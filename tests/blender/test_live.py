@@ -16,6 +16,7 @@ from blend_rooms import open_room
 from leaflight.addon.app import live, session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.job import library_paths
+from leaflight.addon.read.steps import never_halved
 from leaflight.addon.show import restore
 from leaflight.core.bake import preview
 from leaflight.core.bake.bake import run_bake
@@ -176,6 +177,45 @@ def test_an_earlier_bake_of_another_layout_stays_until_the_end(start):
     assert differences(before, dump()) == []
     finish(view, work)
     assert tuple(shown_image().size) == (48, 48)
+
+
+@pytest.mark.parametrize("copies", [False, True])
+def test_where_the_result_is_put_on_in_steps_it_is_whole_wherever_they_end(start, copies):
+    """Saving, or an undo, comes between two of them."""
+    if copies:
+        bpy.data.objects["Cube"].modifiers.new("Mirror", "MIRROR")
+    whole_bake(start)
+    work, _ = start(replace(SETTINGS, size=48))
+    result = session.read_result(work)
+    live.LiveView(work).finish(bpy.context, result)
+    wanted, halved, count = dump(), False, 1
+    while True:
+        steps = never_halved(live.LiveView(work).finish_steps(bpy.context, result))
+        if len(list(islice(steps, count))) < count:
+            break  # it came to its end
+        halved = halved or bool(differences(wanted, dump()))
+        steps.close()
+        assert differences(wanted, dump()) == []
+        count += 1
+    assert halved
+
+
+def test_a_bake_is_removed_wholly_wherever_its_steps_end(start):
+    before = dump()
+    for count in range(1, 4):
+        whole_bake(start)
+        steps = never_halved(restore.remove_steps(bpy.context.scene))
+        assert len(list(islice(steps, count))) == count
+        assert differences(before, dump())
+        steps.close()
+        assert differences(before, dump()) == []
+    whole_bake(start)
+    scene = bpy.context.scene
+    steps = never_halved(restore.remove_steps(scene))
+    next(steps)
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(scene)
+    steps.close()  # a scene that a script has deleted meanwhile is no fault
 
 
 @pytest.mark.parametrize("again", [False, True])

@@ -195,7 +195,7 @@ def test_a_fault_of_ours_leaves_no_bake_running(scene, state, monkeypatch):
     def fail(*_):
         raise AttributeError("planted")
 
-    monkeypatch.setattr(session, "assign", fail)
+    monkeypatch.setattr(session, "assign_steps", fail)
     assert "planted" in bake_error()
     assert not state.running
     assert "fault of Leaflight's" in state.error
@@ -275,7 +275,7 @@ class Follower(baking.Baking):
 
 def test_it_is_looked_for_the_first_light_often_and_for_what_follows_seldom(state, scene, monkeypatch):
     follower = Follower(state, monkeypatch)
-    follower._set_timer(follower.context, baking._FIRST_TIMER_SECONDS)
+    follower._set_timer(follower.context, baking.FIRST_TIMER_SECONDS)
     for _ in range(3):
         follower.hear(Preview(0, "page.npy"), 1.0)
         follower.tick()
@@ -298,7 +298,7 @@ def test_nothing_reaches_the_scene_while_light_is_put_on(state, scene, monkeypat
 
 def test_where_no_first_light_comes_the_first_progress_ends_the_haste(state, scene, monkeypatch):
     follower = Follower(state, monkeypatch)
-    follower._set_timer(follower.context, baking._FIRST_TIMER_SECONDS)
+    follower._set_timer(follower.context, baking.FIRST_TIMER_SECONDS)
     for _ in range(2):
         follower.hear(Progress(0.1, 10, 1.0, 0.5, 1.0, 1), 0.1)
     assert [entry for entry in follower.written if entry in (0.02, "removed", 0.1)] == [0.02, "removed", 0.1]

@@ -5,7 +5,7 @@
 The extension must be installed. Bakes a grid of 500,000 triangles, and 2,000 cubes of which a part is hidden in the viewport; prints the
 longest time in which Blender did nothing else, of the clock and of the processor, and the longest that Leaflight itself took of the
 latter: where others are at work, and drawing has no graphics card, only that says much.
-ONLY=meanwhile leaves the measurements out, ONLY=gaps the rest; WHOLE=1 measures whole bakes, which takes minutes.
+ONLY=meanwhile leaves the measurements out, ONLY=gaps the rest; WHOLE=1 measures whole bakes, others over them, and Remove: minutes.
 """
 
 import os
@@ -19,7 +19,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import check, check_all, in_view, start, state, wait, window
+from gui_script import check, check_all, has_bake, in_view, press, start, state, wait, window
 
 MOST_S = 0.35
 MOST_UNWRAP_S = 20.0
@@ -71,11 +71,10 @@ class Gaps:
         return ours_s
 
 
-def press_bake() -> None:
+def press_bake(size: int = 512) -> None:
     chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.error, chosen.output = 512, 0.2, tempfile.mkdtemp(prefix="leaflight_images_")
-    with in_view():
-        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    chosen.size, chosen.error, chosen.output = size, 0.2, tempfile.mkdtemp(prefix="leaflight_images_")
+    press("bake", "INVOKE_DEFAULT")
 
 
 def is_reading() -> bool:
@@ -123,7 +122,7 @@ def note_scene() -> list[tuple]:
             o.hide_render,
             o.hide_get(view_layer=layer),
             o.select_get(view_layer=layer),
-            [m.name for m in o.data.materials],
+            [m and m.name for m in o.data.materials],
         )
         for o in layer.objects
         if o.type == "MESH"
@@ -151,15 +150,29 @@ def check_gaps(name: str, make: Callable[[], None]) -> Iterator[float]:
         gaps.take(f"up to the end, after {time.monotonic() - began:.2f} s")
         unwrap_s = (state().result or {"seconds": {}})["seconds"].get("charts", float("inf"))
         check(f"{name}: are unwrapped within {MOST_UNWRAP_S:.0f} s ({unwrap_s:.1f} s)", unwrap_s <= MOST_UNWRAP_S)
-        check(f"{name}: are baked", state().result and any("leaflight_bake" in obj for obj in bpy.context.scene.objects))
+        check(f"{name}: are baked", state().result and has_bake())
         shown = note_scene()
         bpy.context.scene.leaflight.error = 0.1
-        with in_view():
-            bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+        press("bake", "INVOKE_DEFAULT")
         yield from wait(lambda: not is_reading())
         gaps.take(f"{name} are read again, which show their bake")
         check(f"{name}: they show it again", note_scene() == shown)
-    bpy.ops.leaflight.discard()
+        yield from wait(lambda: not state().running)
+        gaps.take("")
+        press_bake(size=1024)
+        yield from wait(lambda: not is_reading())
+        gaps.take(f"{name} are read once more")
+        yield from wait(lambda: not state().running)
+        yield 0.5
+        longest = gaps.take("up to the end of a bake of another layout")
+        check(f"{name}: Blender never stands still while a bake takes another's place", longest <= MOST_S)
+        press("remove", "INVOKE_DEFAULT")
+        yield from wait(lambda: not has_bake())
+        yield 2.0
+        check(f"{name}: nor while it is removed", gaps.take("Remove") <= MOST_S)
+        check(f"{name}: which leaves the scene as it was", note_scene() == before)
+    if state().running:
+        bpy.ops.leaflight.discard()
     yield from wait(lambda: not state().running)
     gaps.end()
 
