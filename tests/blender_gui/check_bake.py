@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import FAILED, check, check_all, in_view, start, state, wait, window
+from gui_script import FAILED, check, check_all, has_bake, in_view, press, start, state, wait, window
 
 SCENE_FILE = bpy.data.filepath
 
@@ -22,17 +22,7 @@ SCENE_FILE = bpy.data.filepath
 def press_bake(error: float = 0.2) -> None:
     chosen = bpy.context.scene.leaflight
     chosen.size, chosen.error, chosen.output = 128, error, tempfile.mkdtemp(prefix="leaflight_images_")
-    with in_view():
-        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
-
-
-def has_bake(scene) -> bool:
-    return any("leaflight_bake" in obj for obj in scene.objects)
-
-
-def remove_bake() -> None:
-    with in_view():
-        bpy.ops.leaflight.remove()
+    press("bake", "INVOKE_DEFAULT")
 
 
 def is_alive(process_id: int) -> bool:
@@ -52,7 +42,7 @@ def worn_lines() -> tuple[str, ...]:
 
 
 def worn_warnings() -> list[tuple[str, str]]:
-    return state().list_warnings(bpy.context.scene.session_uid, has_bake(bpy.context.scene))
+    return state().list_warnings(bpy.context.scene.session_uid, has_bake())
 
 
 def live_images() -> list[str]:
@@ -60,7 +50,7 @@ def live_images() -> list[str]:
 
 
 def is_live() -> bool:
-    return state().running and has_bake(bpy.context.scene) and bool(live_images())
+    return state().running and has_bake() and bool(live_images())
 
 
 def stop() -> Iterator[float]:
@@ -90,15 +80,14 @@ def check_live() -> Iterator[float]:
     yield from wait(lambda: is_live() or not state().running)
     check("and it comes on again", is_live())
     yield from stop()
-    check("the best so far takes its place", has_bake(bpy.context.scene) and state().result and not live_images())
+    check("the best so far takes its place", has_bake() and state().result and not live_images())
 
 
 def check_refine() -> Iterator[float]:
     before = state().result
     check("a stopped bake can be refined", bpy.ops.leaflight.refine.poll())
     bpy.context.scene.leaflight.error = 0.9 * before["estimated_error"]
-    with in_view():
-        bpy.ops.leaflight.refine("INVOKE_DEFAULT")
+    press("refine", "INVOKE_DEFAULT")
     yield from wait(lambda: not state().running)
     after = state().result  # gathering may come to the smaller error without more photons
     goes_on = after and after["photons"] >= before["photons"] and after["estimated_error"] < before["estimated_error"]
@@ -111,9 +100,9 @@ def check_refine() -> Iterator[float]:
     bpy.ops.leaflight.stop()
     bpy.ops.leaflight.discard()
     yield from wait(lambda: not state().running)
-    check("thrown away, the earlier comes back", has_bake(bpy.context.scene) and shown == {i.name for i in bpy.data.images if i.users})
+    check("thrown away, the earlier comes back", has_bake() and shown == {i.name for i in bpy.data.images if i.users})
     check("with its numbers", worn_lines() == lines)
-    remove_bake()
+    press("remove")
 
 
 def check_removed_state() -> Iterator[float]:
@@ -123,18 +112,17 @@ def check_removed_state() -> Iterator[float]:
     yield from wait(lambda: not state().running)
     lines = worn_lines()
     check("a bake can be refined, and its warning is told", bpy.ops.leaflight.refine.poll() and worn_warnings())
-    remove_bake()
+    press("remove")
     check("removed, its warning is told no more", not worn_warnings())
     with in_view():
         bpy.ops.ed.undo_push(message="Remove")  # Blender makes no steps of what scripts press
         bpy.ops.ed.undo()
-    check("an undo brings it back with its numbers, not its state", has_bake(bpy.context.scene) and worn_lines() == lines)
+    check("an undo brings it back with its numbers, not its state", has_bake() and worn_lines() == lines)
     check("so it cannot be refined", worn_warnings() and not bpy.ops.leaflight.refine.poll())
-    with in_view():
-        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    press("bake", "INVOKE_DEFAULT")
     yield from wait(lambda: not state().running)
     check("until it is baked again", state().summarize()[0].startswith("Baked in") and bpy.ops.leaflight.refine.poll())
-    remove_bake()
+    press("remove")
     bpy.data.objects["Tall block"].visible_shadow = True
 
 
@@ -148,8 +136,8 @@ def check_escape() -> Iterator[float]:
     yield from wait(lambda: state().stopping or not state().running)
     check("Esc asks for the best so far", state().stopping)
     yield from wait(lambda: not state().running)
-    check("the best so far is shown", state().result and state().result["stopped_by"] == "interrupted" and has_bake(bpy.context.scene))
-    remove_bake()
+    check("the best so far is shown", state().result and state().result["stopped_by"] == "interrupted" and has_bake())
+    press("remove")
 
 
 def check_discard() -> Iterator[float]:
@@ -160,7 +148,7 @@ def check_discard() -> Iterator[float]:
     bpy.ops.leaflight.stop()
     bpy.ops.leaflight.discard()
     yield from wait(lambda: not state().running)
-    check("stop twice throws the bake away", not state().result and not state().error and not has_bake(bpy.context.scene))
+    check("stop twice throws the bake away", not state().result and not state().error and not has_bake())
     check("with its materials and images", not live_images() and materials == {material.name for material in bpy.data.materials})
     yield from wait(lambda: not is_alive(group))
     check("and leaves no process", not is_alive(group))
@@ -176,8 +164,8 @@ def check_edit_mode() -> Iterator[float]:
     with in_view():
         bpy.ops.object.mode_set(mode="OBJECT")
     yield from wait(lambda: not state().running)
-    check("and is then shown", has_bake(bpy.context.scene) and not state().warnings)
-    remove_bake()
+    check("and is then shown", has_bake() and not state().warnings)
+    press("remove")
 
 
 def check_gltf() -> Iterator[float]:
@@ -189,7 +177,7 @@ def check_gltf() -> Iterator[float]:
     yield 0.5  # a redraw with the scene that came back
     check("the baked scene is exported", os.path.getsize(file) > 1000)
     check("and the window shows the user's scene again", window().scene == scene and len(bpy.data.scenes) == 1 and has_bake(scene))
-    remove_bake()
+    press("remove")
 
 
 def check_undo_meanwhile() -> Iterator[float]:
@@ -202,21 +190,21 @@ def check_undo_meanwhile() -> Iterator[float]:
     yield from wait(lambda: is_live() or not state().running)
     with in_view():
         bpy.ops.ed.undo()
-    check("an undo takes the light off", not has_bake(bpy.context.scene) and state().running)
+    check("an undo takes the light off", not has_bake() and state().running)
     yield from wait(lambda: is_live() or not state().running)
     check("and it comes on again", is_live())
     with in_view():
         bpy.ops.object.select_all(action="SELECT")
         bpy.ops.ed.undo_push(message="Select")
     yield from stop()
-    check("a bake outlives an undo", state().result and has_bake(bpy.context.scene) and not live_images())
+    check("a bake outlives an undo", state().result and has_bake() and not live_images())
     with in_view():
         bpy.ops.ed.undo()
-    check("a step back into the middle of the bake shows nothing half done", not live_images() and not has_bake(bpy.context.scene))
+    check("a step back into the middle of the bake shows nothing half done", not live_images() and not has_bake())
     with in_view():
         bpy.ops.ed.redo()
-    check("and forward again the whole bake", has_bake(bpy.context.scene) and not live_images())
-    remove_bake()
+    check("and forward again the whole bake", has_bake() and not live_images())
+    press("remove")
 
 
 def check_other_scene() -> Iterator[float]:
@@ -226,7 +214,7 @@ def check_other_scene() -> Iterator[float]:
     yield from wait(lambda: not state().running)
     check("the scene that was baked gets the bake", has_bake(bpy.data.scenes[baked]) and not state().error)
     window().scene = bpy.data.scenes[baked]
-    remove_bake()
+    press("remove")
     press_bake()
     scene = bpy.data.scenes[baked]
     window().scene = bpy.data.scenes["Other"]
@@ -254,7 +242,7 @@ def check_closed_window() -> Iterator[float]:
         bpy.ops.wm.window_close()
     yield from wait(lambda: not is_alive(group) and not live_images())
     check("closing the window that a bake was started in ends it", not is_alive(group) and not state().running)
-    check("and takes its light off", not live_images() and not has_bake(bpy.context.scene))
+    check("and takes its light off", not live_images() and not has_bake())
 
 
 def check_other_file() -> Iterator[float]:

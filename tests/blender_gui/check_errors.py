@@ -19,20 +19,34 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import FAILED, choose_parts, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+import gui_script
+from gui_script import (
+    choose_parts,
+    has_bake,
+    in_view,
+    make_pictures_folder,
+    open_tab,
+    press,
+    region_of,
+    settle,
+    start,
+    state,
+    take_picture,
+    type_key,
+    view,
+    wait,
+    window,
+)
 
 SCENE_FILE = bpy.data.filepath
 PICTURES = Path(os.environ["PICTURES"]) if "PICTURES" in os.environ else None
-TICK_SECONDS = 0.05
 WIDTH, BAR_HEIGHT, COLORS = 700, 24, 96
 
 
 def check(name: str, holds: object) -> None:
-    print(f"CHECK {'ok    ' if holds else 'FAILED'} {name}", flush=True)
+    gui_script.check(name, holds)
     if not holds:
-        print(f"      error {state().error!r}, notice {state().notice!r}, warnings {state().warnings}", flush=True)
         print(f"      told {told()}", flush=True)
-        FAILED.append(name)
 
 
 def chosen():
@@ -59,13 +73,7 @@ def told(forget: bool = False) -> list[str]:
 
 def press_bake() -> Iterator[float]:
     """The key, low in the view, where Blender's pop-up with the sentence hides nothing of the panel."""
-    area = view()
-    at = {"x": area.x + area.width // 3, "y": area.y + 60}
-    window().event_simulate(type="MOUSEMOVE", value="NOTHING", **at)
-    yield 0.2
-    for value in ("PRESS", "RELEASE"):
-        window().event_simulate(type="F6", value=value, **at)
-    yield 0.5
+    yield from type_key("F6", 0.1)
 
 
 def picture(name: str, height: int = 310) -> Iterator[float]:
@@ -73,30 +81,22 @@ def picture(name: str, height: int = 310) -> Iterator[float]:
     yield from settle()
     if PICTURES is None:
         return
-    region = region_of(view(), "UI")
-    whole, path = PICTURES / "whole.png", PICTURES / f"error_{name}.png"
+    region, whole = region_of(view(), "UI"), PICTURES / "whole.png"
     panel = f"{WIDTH}x{min(height, region.height)}+{region.x + region.width - WIDTH}+{window().height - region.y - region.height}"
     bar = f"{WIDTH}x{BAR_HEIGHT}+{(window().width - WIDTH) // 2}+{window().height - BAR_HEIGHT}"  # its text is in the middle
-    parts = ["(", str(whole), "-crop", panel, "+repage", ")", "(", str(whole), "-crop", bar, "+repage", ")"]
-    for command in (
-        ["import", "-window", "root", str(whole)],
-        ["convert", *parts, "-append", "+dither", "-colors", str(COLORS), f"PNG8:{path}"],
-    ):
-        process = subprocess.Popen(command)
-        while process.poll() is None:
-            yield TICK_SECONDS
+    yield from take_picture(whole, f"{window().width}x{window().height}+0+0")
+    parts = [word for crop in (panel, bar) for word in ("(", str(whole), "-crop", crop, "+repage", ")")]
+    small = ["-append", "+dither", "-colors", str(COLORS), f"PNG8:{PICTURES / f'error_{name}.png'}"]
+    subprocess.run(["convert", *parts, *small], check=True)
     whole.unlink()
-    print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
 
 
 def open_room() -> Iterator[float]:
     """The file as it is, with the tab open, and small, quick settings."""
     bpy.ops.wm.open_mainfile(filepath=SCENE_FILE)
     yield 1.0
-    space = view().spaces.active
-    space.show_region_ui, space.region_3d.view_perspective = True, "CAMERA"
-    yield 0.8  # the sidebar must be drawn once before its tab can be chosen
-    region_of(view(), "UI").active_panel_category = "Leaflight"
+    view().spaces.active.region_3d.view_perspective = "CAMERA"
+    yield from open_tab()
     told(forget=True)
     chosen().size, chosen().error, chosen().output = 64, 0.3, tempfile.mkdtemp(prefix="leaflight_images_")
     yield from settle(0.5)
@@ -110,7 +110,7 @@ def check_error(name: str, sentence: str, shown: str | None = None, height: int 
     yield from settle(0.5)
     check(f"{name}: in the status bar", any(sentence in line for line in told()))
     check(f"{name}: in the panel", sentence in (state().error if shown is None else shown))
-    check(f"{name}: nothing runs, nothing was put on the scene", not state().running and not is_baked())
+    check(f"{name}: nothing runs, nothing was put on the scene", not state().running and not has_bake())
     yield from picture(name, height)
 
 
@@ -121,15 +121,10 @@ def check_warning(name: str, subject: str, sentence: str) -> Iterator[float]:
     found = [text for about, text in state().warnings if about == subject]
     check(f"{name}: a warning in the panel", any(sentence in text for text in found))
     check(f"{name}: told in the status bar", any("in the panel" in line for line in told()))
-    check(f"{name}: the rest is baked", is_baked() and not state().error)
-    with in_view():
-        bpy.ops.leaflight.show_it()
+    check(f"{name}: the rest is baked", has_bake() and not state().error)
+    press("show_it")
     yield from settle()
     yield from picture(name, 640)
-
-
-def is_baked() -> bool:
-    return any("leaflight_bake" in obj for obj in bpy.context.scene.objects)
 
 
 def meshes() -> list:
@@ -139,13 +134,15 @@ def meshes() -> list:
 def unsaved_file() -> Iterator[float]:
     bpy.ops.wm.read_homefile(use_empty=False)
     yield 1.0
-    view().spaces.active.show_region_ui = True
-    yield 0.8
-    region_of(view(), "UI").active_panel_category = "Leaflight"
+    yield from open_tab()
     told(forget=True)
     yield from settle(1.0)
-    with bpy.context.temp_override(window=window(), area=view(), region=region_of(view(), "WINDOW")):
-        check("unsaved: the button is grey, and its tooltip says why", not bpy.ops.leaflight.bake.poll())
+    with in_view():
+        check("unsaved: the button is grey", not bpy.ops.leaflight.bake.poll())
+        try:
+            bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+        except RuntimeError as reason:  # Blender puts into it what its tooltip of a grey button says
+            check("unsaved: its tooltip says why", "Save the file first" in str(reason))
     yield from picture("unsaved")
 
 
@@ -244,7 +241,7 @@ def out_of_memory() -> Iterator[float]:
     sentence = "The bake ran out of memory: choose a smaller page size or density, or fewer processes."
     yield from settle(0.5)
     check("out_of_memory: in the status bar", any(sentence in line for line in told()))
-    check("out_of_memory: in the panel", sentence == state().error and not is_baked())
+    check("out_of_memory: in the panel", sentence == state().error and not has_bake())
     yield from picture("out_of_memory")
 
 
@@ -266,7 +263,7 @@ def kill(which: str, find: Callable[[], int]) -> Iterator[float]:
     yield from settle(0.5)
     sentence = "was killed, most likely for lack of memory: choose a smaller page size or fewer processes."
     check(f"killed {which}: in the status bar", any(sentence in line for line in told()))
-    check(f"killed {which}: in the panel", sentence in state().error and not is_baked())
+    check(f"killed {which}: in the panel", sentence in state().error and not has_bake())
     yield from picture(f"killed_{which}")
 
 

@@ -7,7 +7,6 @@ at last how many failed.
 """
 
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,7 +17,8 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import check, check_all, in_view, start, view, wait, window
+import gui_script
+from gui_script import bake, check, check_all, press, settle, start, view, window
 
 FOLDER = Path(tempfile.mkdtemp(prefix="leaflight_views_"))
 # Not Cycles: there a good bake looks as the scene itself does; tests/blender/test_materials_write.py renders that.
@@ -54,21 +54,18 @@ def picture(name: str) -> Iterator[float]:
 
 
 def take_picture(name: str) -> Iterator[float]:
-    end = time.monotonic() + 2.0
-    while time.monotonic() < end:
-        view().tag_redraw()
-        yield 0.2
+    yield from settle(2.0)
     area, path = view(), FOLDER / f"{name}.png"
     width, height = area.width // 3, area.height // 2
     crop = f"{width}x{height}+{area.x + width}+{window().height - area.y - area.height + height // 2}"
-    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", str(path)])
-    while process.poll() is None:
-        yield 0.05
+    yield from gui_script.take_picture(path, crop)
     image = bpy.data.images.load(str(path))
     values = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(values)
     rows, columns = image.size[1] // BLOCK, image.size[0] // BLOCK
-    pixels = values.reshape(image.size[1], image.size[0], -1)[: rows * BLOCK, : columns * BLOCK]
+    pixels = values.reshape(image.size[1], image.size[0], -1)[
+        : rows * BLOCK, : columns * BLOCK, :3
+    ]  # with alpha a grey picture has two values
     bpy.data.images.remove(image)
     PICTURE[name] = pixels.reshape(rows, BLOCK, columns, BLOCK, -1).mean(axis=(1, 3))
 
@@ -84,18 +81,13 @@ def check_mode(kind: str, main_pass: str, materials: str) -> Iterator[float]:
     chosen = bpy.context.scene.leaflight
     chosen.main_pass, chosen.materials = main_pass, materials
     name = f"{kind} {main_pass} {materials}"
-    with in_view():
-        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
-    yield from wait(lambda: not bpy.context.window_manager.leaflight_state.running)
+    yield from bake()
     yield from picture("on")
-    with in_view():
-        bpy.ops.leaflight.toggle_preview()
+    press("toggle_preview")
     yield from picture("off")
-    with in_view():
-        bpy.ops.leaflight.toggle_preview()
+    press("toggle_preview")
     yield from picture("again")
-    with in_view():
-        bpy.ops.leaflight.remove()
+    press("remove")
     yield from picture("removed")
     found = {other: differ("before", other) for other in ("on", "off", "again", "removed")}
     told = ", ".join(f"{other} {value:.4f}" for other, value in found.items())

@@ -18,11 +18,25 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import check, check_all, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+import gui_script
+from gui_script import (
+    check,
+    check_all,
+    crop_of,
+    in_view,
+    make_pictures_folder,
+    open_tab,
+    region_of,
+    settle,
+    start,
+    state,
+    type_key,
+    view,
+    wait,
+)
 
 PICTURES = Path(os.environ.get("UNDO") or tempfile.mkdtemp(prefix="leaflight_undo_"))
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_undo_file_")) / "room.blend"
-TICK_SECONDS = 0.1
 SAME, OTHER = 0.015, 0.025  # difference (RMSE, of 1) of two pictures of one thing, less or more smooth yet, and of two things
 
 
@@ -31,25 +45,10 @@ def changes() -> list[str]:
     return watch.names if not watch.stale else ["not looked at yet"]
 
 
-def press_keys(kind: str, **held: bool) -> Iterator[float]:
-    area = view()
-    at = {"x": area.x + area.width // 3, "y": area.y + area.height // 2}
-    window().event_simulate(type="MOUSEMOVE", value="NOTHING", **at)
-    yield 0.2
-    for value in ("PRESS", "RELEASE"):
-        window().event_simulate(type=kind, value=value, **at, **held)
-    yield from settle()
-
-
 def take_picture(name: str) -> Iterator[float]:
     """The 3D View with its sidebar."""
     yield from settle()
-    area, path = view(), PICTURES / f"{name}.png"
-    crop = f"{area.width}x{area.height}+{area.x}+{window().height - area.y - area.height}"
-    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", str(path)])
-    while process.poll() is None:
-        yield TICK_SECONDS
-    print(f"PICTURE {path}", flush=True)
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop_of(view()))
 
 
 def compare(first: str, second: str) -> float:
@@ -69,17 +68,8 @@ def compare(first: str, second: str) -> float:
 
 def bake(size: int) -> Iterator[float]:
     bpy.context.scene.leaflight.size = size
-    with in_view():
-        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
-    yield from wait(lambda: not state().running)
-    check(f"a bake of {size} texels ends without an error {state().error}", not state().error)
-    yield from settle()
-
-
-def open_tab() -> Iterator[float]:
-    view().spaces.active.show_region_ui = True
-    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
-    region_of(view(), "UI").active_panel_category = "Leaflight"
+    yield from gui_script.bake()
+    check(f"a bake of {size} texels ends without an error", not state().error)
     yield from settle()
 
 
@@ -96,15 +86,15 @@ def walk() -> Iterator[float]:
     yield from bake(32)
     yield from take_picture("2_second")
     check("a coarser bake looks different", compare("1_first", "2_second") > OTHER)
-    yield from press_keys("Z", ctrl=True)
+    yield from type_key("Z", ctrl=True)
     yield from take_picture("3_undone")
     check("Ctrl Z after two bakes shows the first one's light", compare("1_first", "3_undone") < SAME)
     with in_view():
         check("what is kept of the second bake is not offered to go on from", not bpy.ops.leaflight.refine.poll())
-    yield from press_keys("Z", ctrl=True, shift=True)
+    yield from type_key("Z", ctrl=True, shift=True)
     yield from take_picture("4_redone")
     check("Ctrl Shift Z shows the second one's", compare("2_second", "4_redone") < SAME)
-    yield from press_keys("Z", ctrl=True)
+    yield from type_key("Z", ctrl=True)
     bpy.ops.wm.save_mainfile()
     yield from bake(32)
     bpy.ops.wm.revert_mainfile()
@@ -128,7 +118,7 @@ def change_a_lamp() -> Iterator[float]:
     print(f"SECONDS until the change is said {time.monotonic() - began:.1f}", flush=True)
     check("a changed lamp is named", changes() == [name])
     yield from take_picture("6_changed")
-    yield from press_keys("Z", ctrl=True)
+    yield from type_key("Z", ctrl=True)
     yield from wait(lambda: changes() == [], 20.0)
     check("and no longer when the change is undone", changes() == [])
 

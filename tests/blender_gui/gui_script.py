@@ -1,10 +1,11 @@
-"""What scripts for a Blender with a window share: checks, the window and its areas, waiting, and the timer that takes their steps.
+"""What scripts for a Blender with a window share: checks, areas, pictures, keys, waiting, and the timer that takes their steps.
 
 A script is a generator: each value is the seconds until its next step, between which Blender draws and handles events.
 """
 
 import os
 import shutil
+import subprocess
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -71,6 +72,58 @@ def settle(seconds: float = 2.5) -> Iterator[float]:
         for area in window().screen.areas:
             area.tag_redraw()
         yield 0.2
+
+
+def open_tab() -> Iterator[float]:
+    view().spaces.active.show_region_ui = True
+    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
+    region_of(view(), "UI").active_panel_category = "Leaflight"
+    yield from settle(0.5)
+
+
+def press(name: str, *arguments: str, **more: object) -> None:
+    """An operator of Leaflight's, in the view; what it refuses with is printed."""
+    with in_view():
+        try:
+            getattr(bpy.ops.leaflight, name)(*arguments, **more)
+        except RuntimeError as reason:
+            print(f"REPORT {str(reason).strip()}", flush=True)
+
+
+def type_key(kind: str, height: float = 0.5, **held: bool) -> Iterator[float]:
+    """A key, with the mouse in the left of the view at this part of its height; needs --enable-event-simulate."""
+    area = view()
+    at = {"x": area.x + area.width // 3, "y": area.y + int(height * area.height)}
+    window().event_simulate(type="MOUSEMOVE", value="NOTHING", **at)
+    yield 0.2
+    for value in ("PRESS", "RELEASE"):
+        window().event_simulate(type=kind, value=value, **at, **held)
+    yield 0.5
+
+
+def bake() -> Iterator[float]:
+    """As a click on the button does it, up to the end."""
+    press("bake", "INVOKE_DEFAULT")
+    yield from wait(lambda: not state().running)
+    print(f"BAKED {state().summarize()} {state().error!r} {state().warnings}", flush=True)
+
+
+def has_bake(scene: bpy.types.Scene | None = None) -> bool:
+    return any("leaflight_bake" in obj for obj in (scene or bpy.context.scene).objects)
+
+
+def crop_of(part, height: int | None = None) -> str:
+    """The upper part of an area or a region, as ImageMagick has it."""
+    height = min(height or part.height, part.height)
+    return f"{part.width}x{height}+{part.x}+{window().height - part.y - part.height}"
+
+
+def take_picture(path: Path, crop: str, *options: str) -> Iterator[float]:
+    """A part of the screen, with options of ImageMagick's: Blender's own picture is black where OpenGL is software."""
+    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *options, str(path)])
+    while process.poll() is None:
+        yield TICK_SECONDS
+    print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
 
 
 def make_pictures_folder(folder: Path) -> None:

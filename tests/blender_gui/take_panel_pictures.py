@@ -7,7 +7,6 @@ Those of errors are check_errors.py's. PARTS names some of the parts below, defa
 """
 
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,10 +15,27 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import area_of, check_all, choose_parts, in_view, make_pictures_folder, region_of, settle, start, state, wait, window
+import gui_script
+from gui_script import (
+    area_of,
+    bake,
+    check_all,
+    choose_parts,
+    crop_of,
+    has_bake,
+    in_view,
+    make_pictures_folder,
+    press,
+    region_of,
+    settle,
+    start,
+    state,
+    view,
+    wait,
+    window,
+)
 
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
-TICK_SECONDS = 0.05
 MID_BAKE_FRACTION = 0.3
 LIT_ERROR = 0.3  # no error is stated before some rounds of photons
 STRICT_ERROR = 0.01  # such a bake does not end before it is stopped
@@ -32,64 +48,26 @@ def chosen():
     return bpy.context.scene.leaflight
 
 
-def take_picture(name: str, x: int, y: int, width: int, height: int, wide: int = WIDTH) -> Iterator[float]:
-    """A part of the window, in Blender's pixels from its lower left corner, small enough for a page of documentation."""
-    path = PICTURES / f"{name}.png"
-    crop = f"{width}x{height}+{x}+{window().height - y - height}"
-    command = [
-        "import",
-        "-window",
-        "root",
-        "-crop",
-        crop,
-        "+repage",
-        "-resize",
-        f"{wide}x>",
-        "-dither",
-        "FloydSteinberg",
-        "-colors",
-        str(COLORS),
-        f"PNG8:{path}",
-    ]
-    process = subprocess.Popen(command)
-    while process.poll() is None:
-        yield TICK_SECONDS
-    print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
+def take_picture(name: str, part, height: int | None = None, wide: int = WIDTH) -> Iterator[float]:
+    """The upper part of an area or a region, small enough for a page of documentation."""
+    small = ("-resize", f"{wide}x>", "-dither", "FloydSteinberg", "-colors", str(COLORS))
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop_of(part, height), *small)
 
 
 def picture_of_view(name: str, height: int = 560) -> Iterator[float]:
-    area = area_of("VIEW_3D")
-    height = min(height, area.height)
-    yield from take_picture(name, area.x, area.y + area.height - height, area.width, height)
+    yield from take_picture(name, view(), height)
 
 
 def picture_of_panel(name: str, height: int = 420) -> Iterator[float]:
-    area = area_of("VIEW_3D")
-    region = region_of(area, "UI")
-    height = min(height, region.height)
-    yield from take_picture(name, region.x, region.y + region.height - height, region.width, height)
-
-
-def press(name: str, *arguments: str) -> None:
-    with in_view():
-        try:
-            getattr(bpy.ops.leaflight, name)(*arguments)
-        except RuntimeError as reason:
-            print(f"REPORT {str(reason).strip()}", flush=True)
+    yield from take_picture(name, region_of(view(), "UI"), height)
 
 
 def open_tab() -> Iterator[float]:
-    area = area_of("VIEW_3D")
-    area.spaces.active.show_region_ui = True
-    space = area.spaces.active
+    space = view().spaces.active
     space.region_3d.view_perspective = "CAMERA"
-    space.overlay.show_overlays = False
-    space.show_gizmo = False
+    space.overlay.show_overlays = space.show_gizmo = False
     space.shading.type = "MATERIAL"
-    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
-    region_of(area, "UI").active_panel_category = "Leaflight"
-    area.tag_redraw()
-    yield 0.5
+    yield from gui_script.open_tab()
     with in_view():
         bpy.ops.view3d.view_center_camera()
 
@@ -112,7 +90,7 @@ def picture_plan() -> Iterator[float]:
 
 
 def picture_checker() -> Iterator[float]:
-    area_of("VIEW_3D").spaces.active.shading.type = "SOLID"
+    view().spaces.active.shading.type = "SOLID"
     bpy.data.objects["Rug"].leaflight.density_factor = 2.0
     press("checker")
     yield from measured()
@@ -120,17 +98,17 @@ def picture_checker() -> Iterator[float]:
     yield from picture_of_view("checker")
     press("checker")
     bpy.data.objects["Rug"].leaflight.density_factor = 1.0
-    area_of("VIEW_3D").spaces.active.shading.type = "MATERIAL"
+    view().spaces.active.shading.type = "MATERIAL"
 
 
 def picture_bake() -> Iterator[float]:
     obj = bpy.data.objects["Rug"].copy()  # an offender, for the warnings
     obj.name, obj.data = "Nothing", bpy.data.meshes.new("Nothing")
     bpy.context.scene.collection.objects.link(obj)
-    shading = area_of("VIEW_3D").spaces.active.shading
+    shading = view().spaces.active.shading
     shading.type, shading.color_type = "SOLID", "TEXTURE"  # by software alone Material Preview takes as long as half a bake
     press("bake", "INVOKE_DEFAULT")
-    yield from wait(lambda: shows_bake() or not state().running)
+    yield from wait(lambda: has_bake() or not state().running)
     yield from settle(0.3)
     yield from picture_of_view("first_light")
     yield from wait(lambda: state().fraction >= MID_BAKE_FRACTION or not state().running)
@@ -152,7 +130,7 @@ def picture_bake() -> Iterator[float]:
 
 def draw_little() -> None:
     """For pictures of the panel alone: a small page, and a view that leaves the processor to the bake."""
-    shading = area_of("VIEW_3D").spaces.active.shading
+    shading = view().spaces.active.shading
     shading.type, shading.color_type, chosen().size = "SOLID", "TEXTURE", 128
 
 
@@ -164,8 +142,7 @@ def picture_refine() -> Iterator[float]:
     chosen().force = False
     # Before that there is nothing that Refine could go on from.
     yield from wait(lambda: (state().progress and state().progress.estimated_error < LIT_ERROR) or not state().running)
-    with in_view():
-        bpy.ops.leaflight.stop()
+    press("stop")
     yield from settle(0.2)
     yield from picture_of_panel("stopping", 220)
     yield from wait(lambda: not state().running)
@@ -194,11 +171,10 @@ def picture_other_ends() -> Iterator[float]:
     with in_view():
         bpy.ops.object.mode_set(mode="OBJECT")
     yield from wait(lambda: not state().running)
-    press("bake", "INVOKE_DEFAULT")
-    yield from wait(lambda: not state().running)
+    yield from bake()
     yield from measured()
     yield from picture_of_panel("unchanged")
-    area_of("VIEW_3D").spaces.active.shading.type, chosen().size = "MATERIAL", SIZE
+    view().spaces.active.shading.type, chosen().size = "MATERIAL", SIZE
 
 
 def picture_groups() -> Iterator[float]:
@@ -243,7 +219,7 @@ def picture_object() -> Iterator[float]:
         bpy.ops.screen.screen_full_area()
     yield 1.0
     area = next(area for area in window().screen.areas if area.type == "PROPERTIES")
-    yield from take_picture("object", area.x, area.y, area.width, area.height)
+    yield from take_picture("object", area)
     with bpy.context.temp_override(window=window(), area=area):
         bpy.ops.screen.back_to_previous()
     bpy.utils.unregister_class(opened)
@@ -252,15 +228,14 @@ def picture_object() -> Iterator[float]:
 
 
 def picture_debug_passes() -> Iterator[float]:
-    area = area_of("VIEW_3D")
+    area = view()
     area.spaces.active.show_region_ui = False
     chosen().quality, chosen().formats = "PREVIEW", {"exr", "png"}
     for name in ("leaf_edges", "level", "photons", "charts", "stderr"):
         chosen().main_pass = name
-        press("bake", "INVOKE_DEFAULT")
-        yield from wait(lambda: not state().running)
+        yield from bake()
         yield from settle(20.0 if name == "leaf_edges" else 6.0)  # the first of them compiles a shader
-        yield from take_picture(f"pass_{name}", area.x, area.y, area.width, area.height, WIDTH // 2)
+        yield from take_picture(f"pass_{name}", area, wide=WIDTH // 2)
     chosen().formats = {"exr"}
 
 
@@ -269,10 +244,8 @@ def picture_gltf() -> Iterator[float]:
     file = str(Path(tempfile.mkdtemp(prefix="leaflight_gltf_")) / "room.glb")
     camera = bpy.context.scene.camera.matrix_world.copy(), bpy.context.scene.camera.data.angle
     chosen().main_pass = "combined"
-    press("bake", "INVOKE_DEFAULT")
-    yield from wait(lambda: not state().running)
-    with in_view():
-        bpy.ops.leaflight.export_gltf(filepath=file)
+    yield from bake()
+    press("export_gltf", filepath=file)
     bpy.ops.wm.read_homefile(use_empty=True)
     yield 1.0
     with in_view():
@@ -283,14 +256,10 @@ def picture_gltf() -> Iterator[float]:
     scene.camera.matrix_world, scene.camera.data.angle = camera
     scene.view_settings.view_transform = "Standard"  # what a viewer shows
     yield from open_tab()
-    area = area_of("VIEW_3D")
+    area = view()
     area.spaces.active.show_region_ui = False
     yield from settle(8.0)
-    yield from take_picture("gltf", area.x, area.y, area.width, area.height, WIDTH // 2)
-
-
-def shows_bake() -> bool:
-    return any("leaflight_bake" in obj for obj in bpy.context.scene.objects)
+    yield from take_picture("gltf", area, wide=WIDTH // 2)
 
 
 PARTS = (

@@ -11,15 +11,17 @@ it has compiled the new materials' shaders; first_light.png tells. PICTURES=none
 
 import math
 import os
-import shutil
-import subprocess
+import sys
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+import gui_script
+from gui_script import check_all, has_bake, in_view, make_pictures_folder, open_tab, press, settle, start, state, view, window
 
 TAKES_PICTURES = os.environ.get("PICTURES") != "none"
 PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
@@ -31,36 +33,17 @@ SHADING = os.environ.get("SHADING", "MATERIAL")
 MID_BAKE_FRACTION = 0.4
 GIVE_UP_SECONDS = 240.0
 TICK_SECONDS = 0.02
-CALM_TICKS = 50
 ALONE_TICKS = 150
 
 
 def take_picture(name: str) -> Iterator[float]:
-    """The whole window; with ImageMagick where it is there, for Blender's own picture is black on software OpenGL."""
-    if not TAKES_PICTURES:
-        return
-    path = str(PICTURES / f"{name}.png")
-    if shutil.which("import"):
-        process = subprocess.Popen(["import", "-window", "root", path])
-        while process.poll() is None:
-            yield TICK_SECONDS
-    else:
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-            bpy.ops.screen.screenshot(filepath=path)
-    print(f"PICTURE {path}", flush=True)
+    """The whole window."""
+    if TAKES_PICTURES:
+        yield from gui_script.take_picture(PICTURES / f"{name}.png", f"{window().width}x{window().height}+0+0")
 
 
-def find_view():
-    window = bpy.context.window_manager.windows[0]
-    return window, next(area for area in window.screen.areas if area.type == "VIEW_3D")
-
-
-def find_region(area, kind):
-    return next(region for region in area.regions if region.type == kind)
-
-
-def look_through_camera(area) -> None:
-    space = area.spaces.active
+def look_through_camera() -> None:
+    space = view().spaces.active
     space.region_3d.view_perspective = "CAMERA"
     space.overlay.show_overlays = False
     space.show_gizmo = False
@@ -71,33 +54,25 @@ def look_through_camera(area) -> None:
 
 def steps() -> Iterator[float]:
     """What happens, one after the other; each value is the seconds until the next step."""
-    state = bpy.context.window_manager.leaflight_state
-    window, area = find_view()
-    area.spaces.active.show_region_ui = True
-    look_through_camera(area)
-    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
-    find_region(area, "UI").active_panel_category = "Leaflight"
+    look_through_camera()
+    yield from open_tab()
     settings = bpy.context.scene.leaflight
-    settings.quality, settings.size, settings.main_pass = QUALITY, SIZE, PASS
-    settings.output = OUTPUT
-    area.tag_redraw()
-    yield 1.0
-    with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
+    settings.quality, settings.size, settings.main_pass, settings.output = QUALITY, SIZE, PASS, OUTPUT
+    with in_view():
         bpy.ops.view3d.view_center_camera()
-    yield 8.0  # the first material preview compiles shaders
-    yield from measure_blender_alone(area)
+    yield from settle(8.0)  # the first material preview compiles shaders
+    yield from measure_blender_alone()
     yield from take_picture("before")
     gaps, last = [], time.perf_counter()
-    with bpy.context.temp_override(window=window, area=area, region=find_region(area, "WINDOW")):
-        bpy.ops.leaflight.bake("INVOKE_DEFAULT")
+    press("bake", "INVOKE_DEFAULT")
     start_gap = time.perf_counter() - last
     began, pictured = last, set()
     drawn: list[float] = []  # when the view was drawn with light on the objects
     handler = bpy.types.SpaceView3D.draw_handler_add(
-        lambda: shows_bake() and drawn.append(time.perf_counter() - began), (), "WINDOW", "POST_PIXEL"
+        lambda: has_bake() and drawn.append(time.perf_counter() - began), (), "WINDOW", "POST_PIXEL"
     )
-    while state.running and time.perf_counter() - began < GIVE_UP_SECONDS:
-        for name, due in (("first_light", drawn), ("baking", state.fraction >= MID_BAKE_FRACTION)):
+    while state().running and time.perf_counter() - began < GIVE_UP_SECONDS:
+        for name, due in (("first_light", drawn), ("baking", state().fraction >= MID_BAKE_FRACTION)):
             if due and name not in pictured:
                 pictured.add(name)
                 yield from take_picture(name)
@@ -106,17 +81,15 @@ def steps() -> Iterator[float]:
         gaps.append((time.perf_counter() - last, time.thread_time() - worked, time.perf_counter() - began))
     bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
     print(f"FIRST LIGHT drawn after {drawn[0] if drawn else math.nan:.2f} s; the view was drawn {len(drawn)} times")
-    print(f"SECONDS {time.perf_counter() - began:.1f}  error {state.error!r}  result {state.summarize()}  warnings {state.warnings}")
+    print(f"SECONDS {time.perf_counter() - began:.1f}  error {state().error!r}  result {state().summarize()}  warnings {state().warnings}")
     for gap, worked, at in sorted(gaps, reverse=True)[:6]:  # on a machine that has other work, a gap is longer than what fills it
         print(f"  gap {gap:.3f} s at {at:.1f} s, in which the main thread worked {worked:.3f} s")
     longest = max(gaps[:-1])[0]
     print(f"GAP press of Bake {start_gap:.3f} s, longest while it ran {longest:.3f} s, at the end {gaps[-1][0]:.3f} s", flush=True)
-    for _ in range(CALM_TICKS):  # shaders compile and panels slide into place meanwhile
-        area.tag_redraw()
-        yield 0.2
+    yield from settle(10.0)  # shaders compile and panels slide into place meanwhile
     yield from take_picture("done")
-    if state.result:
-        print("UNDO " + ("bake still there" if leaves_bake_after_undo(window, area) else "one step took the bake off"), flush=True)
+    if state().result:
+        print("UNDO " + ("bake still there" if leaves_bake_after_undo() else "one step took the bake off"), flush=True)
 
 
 def find_gap(change: Callable[[], None]) -> Iterator[float]:
@@ -133,11 +106,11 @@ def find_gap(change: Callable[[], None]) -> Iterator[float]:
 LONGEST: list[float] = []
 
 
-def measure_blender_alone(area) -> Iterator[float]:
+def measure_blender_alone() -> Iterator[float]:
     """Prints what gaps Blender makes here without Leaflight."""
     obj = next(one for one in bpy.context.scene.objects if one.type == "MESH" and one.material_slots)
     slot, own, other = obj.material_slots[0], obj.material_slots[0].material, bpy.data.materials.new("Other")
-    yield from find_gap(area.tag_redraw)
+    yield from find_gap(view().tag_redraw)
     yield from find_gap(lambda: setattr(slot, "material", other))
     yield from find_gap(lambda: setattr(slot, "material", own))
     bpy.data.materials.remove(other)
@@ -146,31 +119,12 @@ def measure_blender_alone(area) -> Iterator[float]:
     print(f"ALONE the view drawn anew {redraw:.3f} s, one object's material changed {max(changes):.3f} s", flush=True)
 
 
-def shows_bake():
-    return any("leaflight_bake" in obj for obj in bpy.context.scene.objects)
-
-
-def leaves_bake_after_undo(window, area) -> bool:
-    with bpy.context.temp_override(window=window, area=area):
+def leaves_bake_after_undo() -> bool:
+    with in_view():
         bpy.ops.ed.undo()
-    return shows_bake()
+    return has_bake()
 
 
-def run(script=None) -> float | None:
-    """Blender's timer: the next step, and Blender's end after the last one."""
-    try:
-        return next(script)
-    except StopIteration:
-        bpy.ops.wm.quit_blender()
-    except Exception:
-        traceback.print_exc()
-        bpy.ops.wm.quit_blender()
-    return None
-
-
-PICTURES.mkdir(parents=True, exist_ok=True)
-bpy.context.preferences.view.show_splash = False
-SCRIPT = steps()
-if not hasattr(bpy.context.window_manager, "leaflight_state"):
-    raise SystemExit("The extension is not enabled: install it first.")
-bpy.app.timers.register(lambda: run(SCRIPT), first_interval=2.0)
+if TAKES_PICTURES:
+    make_pictures_folder(PICTURES)
+start(check_all(steps(), "the pictures"), has_checks=False)

@@ -16,37 +16,37 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from gui_script import check, check_all, in_view, make_pictures_folder, region_of, settle, start, state, view, wait, window
+import gui_script
+from gui_script import (
+    check,
+    check_all,
+    crop_of,
+    has_bake,
+    in_view,
+    make_pictures_folder,
+    press,
+    region_of,
+    settle,
+    start,
+    state,
+    view,
+    wait,
+    window,
+)
 
 PICTURES = Path(os.environ.get("WALK") or tempfile.mkdtemp(prefix="leaflight_walk_"))
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_walk_file_")) / "My Room.blend"
-TICK_SECONDS = 0.1
 WIDTH, COLORS = 640, 96
 
 
 def take_picture(name: str, crop: str = "") -> Iterator[float]:
     """The 3D View, or another part of the screen."""
-    area, path = view(), PICTURES / f"{name}.png"
-    crop = crop or f"{area.width}x{area.height}+{area.x}+{window().height - area.y - area.height}"
-    shrink = ["-resize", f"{WIDTH}x>", "-dither", "None", "-colors", str(COLORS)]  # dithered they are four times as large
-    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *shrink, f"PNG8:{path}"])
-    while process.poll() is None:
-        yield TICK_SECONDS
-    print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
-
-
-def press(name: str, *arguments: str, **more: object) -> None:
-    with in_view():
-        try:
-            getattr(bpy.ops.leaflight, name)(*arguments, **more)
-        except RuntimeError as reason:
-            print(f"REPORT {str(reason).strip()}", flush=True)
+    small = ("-resize", f"{WIDTH}x>", "-dither", "None", "-colors", str(COLORS))  # dithered they are four times as large
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop or crop_of(view()), *small)
 
 
 def open_tab() -> Iterator[float]:
-    view().spaces.active.show_region_ui = True
-    yield 1.0  # the sidebar must be drawn once before its tab can be chosen
-    region_of(view(), "UI").active_panel_category = "Leaflight"
+    yield from gui_script.open_tab()
     for cls in ("quality", "lightmap"):  # closed by hand: only the panel Bake is walked through
         panel = getattr(bpy.types, f"LEAFLIGHT_PT_{cls}", None)
         if panel is not None and "DEFAULT_CLOSED" not in getattr(panel, "bl_options", ()):
@@ -57,14 +57,8 @@ def open_tab() -> Iterator[float]:
 
 
 def bake() -> Iterator[float]:
-    press("bake", "INVOKE_DEFAULT")
-    yield from wait(lambda: not state().running)
+    yield from gui_script.bake()
     yield from settle(2.5)
-    print(f"BAKED {state().summarize()} {state().error!r} {state().warnings}", flush=True)
-
-
-def has_bake() -> bool:
-    return any("leaflight_bake" in obj for obj in bpy.context.scene.objects)
 
 
 def count_bright() -> int:
