@@ -1,7 +1,5 @@
 """All of an open .blend as plain values, to compare before and after."""
 
-from __future__ import annotations
-
 import json
 import zlib
 

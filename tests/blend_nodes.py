@@ -1,7 +1,5 @@
 """Materials that only glow, in tests of what is read of nodes, and what Cycles shows of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

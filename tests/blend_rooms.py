@@ -1,7 +1,5 @@
 """A small lit room in Blender, and quick bakes of it by the command line."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Small rooms and whole solves of them, without Blender and without image files."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from concurrent.futures import Executor

@@ -1,7 +1,5 @@
 """Claims: a figure beside the bounds that are claimed of it. Tests hold them one by one, benchmarks print them in one table."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -4,8 +4,6 @@ Positions and normals are (n, 3) float, results (n,) float64, per radiance 1, in
 Numbers of configurations are those of Howell, "A Catalog of Radiation Heat Transfer Configuration Factors".
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

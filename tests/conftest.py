@@ -1,7 +1,5 @@
 """Fixtures and options that several test files use."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

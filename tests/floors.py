@@ -1,7 +1,5 @@
 """What tests of light share: a floor of texels, patches that count photons, and bounds for statistics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist

@@ -1,7 +1,5 @@
 """Where pip's bpy keeps OpenImageIO: inside its own folder, which is not on sys.path."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Bakes of scenes whose light is known in closed form: found beside truth, on a mesh of equal leaves or as the adaptive bake states it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

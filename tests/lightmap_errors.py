@@ -4,8 +4,6 @@ With a the bake and r, s the two renderings, (a - r)(a - s) has the expectation 
 and that of s are independent of each other, so that they cancel in the mean.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes that scenes of other people's making are full of: needles, faces without area, coincident, crossing and open ones."""
 
-from __future__ import annotations
-
 import numpy as np
 from scenes import Mesh, box_mesh, grid_mesh, moved, quad_mesh
 

@@ -1,7 +1,5 @@
 """Bakes that are checked all over: every page, the energy audit, and the mean light with its stated error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small scenes for tests: meshes of polygons, made into a SceneSnapshot."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

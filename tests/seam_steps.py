@@ -1,7 +1,5 @@
 """Steps of light across seams, as a viewer sees them: both sides of a seam's points read from the pages by bilinear filtering."""
 
-from __future__ import annotations
-
 import numpy as np
 from leaflight.core.texels.seam_points import SeamPoints
 

@@ -1,7 +1,5 @@
 """Tables of text, and their places in the pages of docs/."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

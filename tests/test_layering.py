@@ -3,8 +3,6 @@
 Each rule is a function from source text to a list of complaints, and each is shown a planted fault.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from functools import cache

@@ -1,7 +1,5 @@
 """The zip that users install: its manifest, what is in it, its wheels; and what a machine lacks for pip's bpy."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import tomllib

@@ -1,7 +1,5 @@
 """Whether charts on a page keep clear of each other, texel by texel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

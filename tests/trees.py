@@ -1,7 +1,5 @@
 """Texel maps and photons on simple charts, for tests of the quadtree and what is built on it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -54,14 +54,12 @@ class CellPolygons:
     def farthest(self) -> Float32:
         """(n,) float32, unit box squared: squared distance of the farthest corner from the centroid."""
         away = self.corners - self.centre[:, None]
-        out: Float32 = (away * away).sum(axis=2).max(axis=1)
-        return out
+        return (away * away).sum(axis=2).max(axis=1)
 
     def are_close(self, cell: Int64, receivers: Receivers) -> BoolArray:
         """(n,) bool: whether cells (n,) are close to receivers, where their centres and area do not give their light."""
         away = take_rows(self.centre, cell) - receivers.position
-        out: BoolArray = dot_rows(away, away) < _CLOSE * self.farthest[cell]
-        return out
+        return dot_rows(away, away) < _CLOSE * self.farthest[cell]
 
     def irradiance(self, cell: Int64, receivers: Receivers) -> Float64:
         """(n,): of cells (n,) of unit radiance, unoccluded, above the horizon of receivers."""

@@ -122,8 +122,7 @@ class EmitterClusters:
         """(n,) bool: whether a run whose distance and size together are below `distance` (n,) is at a place (n, 3), unit box."""
         centre = self.centre[: len(self)]
         away2 = dot_rows(place, place)[:, None] + dot_rows(centre, centre) - 2 * place @ centre.T
-        near: BoolArray = (away2 + self.square[: len(self)] < (distance * distance)[:, None]).any(axis=1)
-        return near
+        return (away2 + self.square[: len(self)] < (distance * distance)[:, None]).any(axis=1)
 
     def choose(self, receivers: Receivers, run: Int64, u: FloatArray) -> tuple[Int64, Float64]:
         """Choose cells of runs (n,), with probabilities (n,): near nodes choose a child by importance, others a cell by weight."""
@@ -189,8 +188,7 @@ class EmitterClusters:
 def _find_extent(corners: Float32, level: Clusters) -> Float32:
     """(n_cluster,) float32: EmitterClusters.extent; corners (n, 4, 3) of all cells."""
     away = corners - np.repeat(level.centre, level.count, axis=0)[:, None]
-    farthest: Float32 = np.maximum.reduceat((away * away).sum(axis=2).max(axis=1), level.start[:-1])
-    return farthest
+    return np.maximum.reduceat((away * away).sum(axis=2).max(axis=1), level.start[:-1])
 
 
 def _pick(estimated: Float32, start: Int64, u: Float64) -> tuple[Int64, Float64, Float64]:

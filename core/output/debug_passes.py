@@ -9,12 +9,12 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..integrate.light_field import LightField
 from ..radiosity.quadtree import node_of_texel
 from ..texels.margin import fill_margin
 from ..texels.texel_map import TexelMap
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
 from .image_file import srgb_to_linear
 
 # sRGB bytes at equal steps of viridis, from dark to bright. Source: S. van der Walt, N. Smith, matplotlib 1.5, CC0.
@@ -34,10 +34,10 @@ class DebugPages:
         self._light, self._texels, self._margin = light, texels, margin
 
     @cached_property
-    def _leaf(self) -> NDArray[np.int32]:
+    def _leaf(self) -> Int32:
         return node_of_texel(self._light.tree, self._light.leaves, len(self._texels))
 
-    def page(self, name: str, page: int) -> NDArray[np.float32]:
+    def page(self, name: str, page: int) -> Float32:
         """The values of a pass, equal in red, green and blue.
 
         leaf_edges: 1 where a leaf ends, else 0; level: halvings of the chart's root; photons: number that the leaf received; charts: index
@@ -50,7 +50,7 @@ class DebugPages:
         value[covered] = self._values(name, entry)[covered][:, None]
         return self._finish(value, covered)
 
-    def look(self, name: str, page: int, combined: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
+    def look(self, name: str, page: int, combined: Callable[[], Float32]) -> Float32:
         """The pass as a picture, linear Rec.709; edges are drawn over the page of the pass combined, which `combined` returns."""
         entry = self._entries(page)
         covered, value = entry >= 0, self._values(name, entry)
@@ -67,7 +67,7 @@ class DebugPages:
             colour = _map_colours(scale(value) / max(float(scale(self._greatest(name))), 1.0))
         return self._finish(np.where(covered[..., None], colour, np.float32(0)), covered)
 
-    def _entries(self, page: int) -> NDArray[np.int64]:
+    def _entries(self, page: int) -> Int64:
         """(h, w): the shown texel entries, -1 for none."""
         size = self._texels.page_size
         entry = np.flatnonzero(self._texels.shown & (self._texels.page_of(slice(None)) == page))
@@ -75,7 +75,7 @@ class DebugPages:
         at[self._texels.texel_xy[entry, 1], self._texels.texel_xy[entry, 0]] = entry
         return at
 
-    def _values(self, name: str, entry: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _values(self, name: str, entry: Int64) -> Float64:
         """(h, w): values at entries; arbitrary where there is none."""
         if name == "charts":
             return np.asarray(self._texels.texel_chart[entry], np.float64)
@@ -89,7 +89,7 @@ class DebugPages:
             return np.asarray(self._per_node(name)[leaf], np.float64)
         raise ValueError(f"pass: {name!r} is not known")
 
-    def _per_node(self, name: str) -> NDArray[np.float64]:
+    def _per_node(self, name: str) -> Float64:
         tree = self._light.tree
         if name == "photons":
             return np.asarray(self._light.received, np.float64)
@@ -99,14 +99,14 @@ class DebugPages:
         """Greatest value on all pages, so that a colour means the same on each."""
         return np.float64(self._per_node(name)[self._light.leaves].max(initial=0.0))
 
-    def _finish(self, colour: NDArray[np.float32], covered: NDArray[np.bool_]) -> NDArray[np.float32]:
+    def _finish(self, colour: Float32, covered: BoolArray) -> Float32:
         image = np.zeros((*covered.shape, 4), np.float32)
         image[..., :3] = fill_margin(np.where(covered[..., None], colour, np.float32(0)), covered, self._margin)
         image[..., 3] = covered
         return image
 
 
-def _map_colours(fraction: NDArray[np.float64]) -> NDArray[np.float32]:
+def _map_colours(fraction: Float64) -> Float32:
     """Linear colours (h, w, 3) for numbers (h, w) in [0, 1], from dark to bright."""
     stops = np.array([*_VIRIDIS, _VIRIDIS_END]) / 255.0
     place = np.linspace(0.0, 1.0, len(stops))
@@ -114,7 +114,7 @@ def _map_colours(fraction: NDArray[np.float64]) -> NDArray[np.float32]:
     return srgb_to_linear(encoded.astype(np.float32))
 
 
-def _hue_colours(hue: NDArray[np.float64]) -> NDArray[np.float32]:
+def _hue_colours(hue: Float64) -> Float32:
     """Linear colours (h, w, 3) of hues (h, w) in [0, 1).
 
     Source: A. R. Smith, "Color Gamut Transform Pairs", 1978.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..util import encodings
-from ..util.arrays import FloatArray
+from ..util.arrays import Float32, FloatArray
 
 HALF_MAX = 65504.0  # the greatest half float
 _FLOAT_MAX = float(np.finfo(np.float32).max)
@@ -79,7 +79,7 @@ def write_image(
         temporary.unlink(missing_ok=True)
 
 
-def read_image(path: Path) -> tuple[NDArray[np.float32], dict[str, Any]]:
+def read_image(path: Path) -> tuple[Float32, dict[str, Any]]:
     """Linear pixels and metadata of an EXR, HDR or PNG file; encoded files of write_image are decoded.
 
     out   (h, w, c) float32, row 0 at the bottom; name -> value
@@ -183,8 +183,7 @@ def _encode_rows(rows: FloatArray, kind: str, greatest: float, full: bool) -> ND
         return np.asarray(np.clip(rows[..., :3], 0.0, HALF_MAX), np.float32)
     unit = np.clip(rows, 0.0, 1.0).astype(np.float32)
     unit[..., :3] = linear_to_srgb(unit[..., :3])
-    encoded: NDArray[np.uint8] = np.rint(unit * 255.0).astype(np.uint8)
-    return encoded
+    return np.rint(unit * 255.0).astype(np.uint8)
 
 
 def _write_file(path: Path, pixels: FloatArray, metadata: Mapping[str, str | int | float], kind: str, greatest: float, full: bool) -> str:
@@ -252,17 +251,15 @@ def is_complete_exr(path: Path, height: int) -> bool:
     return at < last and last + 8 + int.from_bytes(begins[4:], "little") == size
 
 
-def linear_to_srgb(value: NDArray[np.float32]) -> NDArray[np.float32]:
+def linear_to_srgb(value: Float32) -> Float32:
     """sRGB values of linear ones, both within [0, 1].
 
     Source: IEC 61966-2-1:1999."""
-    encoded: NDArray[np.float32] = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** np.float32(1 / 2.4) - 0.055)
-    return encoded
+    return np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** np.float32(1 / 2.4) - 0.055)
 
 
-def srgb_to_linear(value: NDArray[np.float32]) -> NDArray[np.float32]:
+def srgb_to_linear(value: Float32) -> Float32:
     """Linear values of sRGB ones, both within [0, 1].
 
     Source: IEC 61966-2-1:1999."""
-    linear: NDArray[np.float32] = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** np.float32(2.4))
-    return linear
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** np.float32(2.4))

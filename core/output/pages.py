@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..atlas.charts import ChartAtlas
 from ..scene.scene import SceneSnapshot
+from ..util.arrays import Float32
 from ..util.file_names import clean_name, fill_pattern, make_unique
 from ..util.job import VIEWS_FOLDER, Job
 from ..util.settings import DEBUG_PASSES, PASSES, Settings
@@ -20,7 +20,7 @@ _FLOAT_MAX = float(np.finfo(np.float32).max)
 _MOST_PAGES = 1000  # page numbers that are compared with taken names
 _ENCODING = {"exr": "linear, half float", "hdr": "linear, shared exponent", "png": "sRGB"}
 
-Page = NDArray[np.float32]
+Page = Float32
 
 
 @dataclass(frozen=True)

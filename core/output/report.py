@@ -6,17 +6,15 @@ import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..atlas.charts import ChartAtlas
 from ..integrate.light_field import LightField
 from ..scene.scene import SceneSnapshot
 from ..util.ablation import list_without
+from ..util.arrays import Int32
 
 
-def list_objects(
-    snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: NDArray[np.int32], error: dict[int, float]
-) -> list[dict[str, Any]]:
+def list_objects(snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: Int32, error: dict[int, float]) -> list[dict[str, Any]]:
     """Report on each object that receives light.
 
     entry_object   (n,) int32: the object of each texel entry

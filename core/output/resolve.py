@@ -10,7 +10,6 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..filter import seams
 from ..integrate.texel_light import TexelLight
@@ -19,7 +18,7 @@ from ..texels.margin import add_margin
 from ..texels.seam_points import SeamPoints
 from ..texels.texel_footprint import centred_strata
 from ..texels.texel_map import TexelMap
-from ..util.arrays import IntArray
+from ..util.arrays import Float32, IntArray
 from ..util.coverage import as_slice
 from ..util.threads import run_on_threads
 
@@ -36,12 +35,10 @@ def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tupl
     return dataclasses.replace(light, direct=direct, indirect=indirect, empty=empty), report
 
 
-def _shade(
-    name: str, direct: NDArray[np.float32], indirect: NDArray[np.float32], surface: Callable[[bool], NDArray[np.float32]]
-) -> NDArray[np.float32]:
+def _shade(name: str, direct: Float32, indirect: Float32, surface: Callable[[bool], Float32]) -> Float32:
     """(n, 3) float32: a pass of light, from irradiance (n, 3) and a function that returns albedo, or emission if its argument is true."""
     total = {"direct": direct, "indirect": indirect}.get(name)
-    lighting: NDArray[np.float32] = (direct + indirect if total is None else total) / np.float32(np.pi)
+    lighting: Float32 = (direct + indirect if total is None else total) / np.float32(np.pi)
     if name in ("diffuse", "combined"):
         lighting = lighting * surface(False)
     return lighting + surface(True) if name == "combined" else lighting
@@ -54,7 +51,7 @@ class Resolver:
         self._light, self._texels, self._surfaces = light, texels, surfaces
         self._margin, self._threads = margin, threads
 
-    def page(self, name: str, page: int) -> NDArray[np.float32]:
+    def page(self, name: str, page: int) -> Float32:
         """One page (h, w, 4) of the pass `name`."""
         size = self._texels.page_size
         image = np.zeros((size, size, 4), np.float32)
@@ -75,7 +72,7 @@ class Resolver:
         add_margin(image[..., :3], filled, self._margin)
         return image
 
-    def _pass_values(self, name: str, entry: IntArray) -> NDArray[np.float32]:
+    def _pass_values(self, name: str, entry: IntArray) -> Float32:
         light, rows = self._light, as_slice(entry)
         if name in _LIGHT_PASSES:
             return _shade(name, light.direct[rows], light.indirect[rows], lambda emission: self._surface(entry, emission))
@@ -85,7 +82,7 @@ class Resolver:
             return self._surface(entry, emission=name == "emission")
         raise ValueError(f"pass: {name!r} is not known")
 
-    def _beside_charts(self, name: str, page: int, empty: seams.EmptyTexels) -> tuple[IntArray, IntArray, NDArray[np.float32]]:
+    def _beside_charts(self, name: str, page: int, empty: seams.EmptyTexels) -> tuple[IntArray, IntArray, Float32]:
         """Columns and rows (m,) of a page's empty texels beside seams, and their values (m, 3)."""
         rows = np.flatnonzero(empty.page == page)
         tri, (u, v) = empty.tri[rows], empty.weight[rows].T
@@ -93,7 +90,7 @@ class Resolver:
         value = _shade(name, empty.light[0, rows], empty.light[1, rows], lambda emission: look_up[emission](tri, u, v))
         return empty.xy[rows, 0], empty.xy[rows, 1], value
 
-    def _surface(self, entry: IntArray, emission: bool) -> NDArray[np.float32]:
+    def _surface(self, entry: IntArray, emission: bool) -> Float32:
         """Mean albedo or emitted radiance over each texel's covered part."""
         look_up = self._surfaces.emission_at if emission else self._surfaces.albedo_at
         if not self._surfaces.has_images(emission):
@@ -101,5 +98,4 @@ class Resolver:
             return look_up(self._texels.texel_tri[entry], flat, flat)
         tri, uv = self._texels.sub_points(entry, centred_strata(_ALBEDO_POINTS))
         values = look_up(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
-        mean: NDArray[np.float32] = values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)
-        return mean
+        return values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)

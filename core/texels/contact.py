@@ -7,10 +7,9 @@ describes in section 4; its remedy, forced subdivision (3.7), needs these texels
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.rays import RayScene
-from ..util.arrays import FloatArray
+from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64
 from ..util.geometry import offset_origin, take_rows
 from .split_texels import WAYS
 from .tiles import TILE_SIDE
@@ -27,12 +26,8 @@ _CHUNK = 1 << 18
 
 
 def find_contacts(
-    rays: RayScene,
-    position: NDArray[np.float32],
-    normal: NDArray[np.float32],
-    texel_size: FloatArray,
-    axes: NDArray[np.float32] | None = None,
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    rays: RayScene, position: Float32, normal: Float32, texel_size: FloatArray, axes: Float32 | None = None
+) -> tuple[Int32, Float32]:
     """Geometry within about a texel of each point, found by short rays along the surface.
 
     position     (n, 3) float32, unit box
@@ -57,9 +52,7 @@ def find_contacts(
     return found, texels
 
 
-def find_between(
-    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray, pairs: NDArray[np.int64]
-) -> NDArray[np.int32]:
+def find_between(rays: RayScene, position: Float32, normal: Float32, texel_size: FloatArray, pairs: Int64) -> Int32:
     """(m,) int32: the triangle met first on the segment from point to point, -1 for none.
 
     position, normal, texel_size   as for find_contacts
@@ -75,9 +68,7 @@ def find_between(
     return found
 
 
-def find_covers(
-    rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+def find_covers(rays: RayScene, position: Float32, normal: Float32, texel_size: FloatArray) -> tuple[Int32, Float32]:
     """Geometry on the surface or close above it, which the rays of find_contacts miss because they pass above or below it.
 
     Arguments are as for find_contacts. A rug is often much thinner than a texel is wide, but the floor below it is as dark as below a
@@ -92,20 +83,17 @@ def find_covers(
     return found, texels
 
 
-def are_close(height: NDArray[np.float32]) -> NDArray[np.bool_]:
+def are_close(height: Float32) -> BoolArray:
     """(m,) bool: whether a surface at this height above points, texels (m,), covers them."""
     return height < _COVER_TEXELS
 
 
-def ends_between(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+def ends_between(one: Float32, other: Float32) -> BoolArray:
     """(m,) bool: whether a cover ends between points with surfaces at these heights above them, texels, (m,) and (m,)."""
-    ends: NDArray[np.bool_] = are_close(np.minimum(one, other)) & (np.maximum(one, other) >= _COVER_TEXELS + _SHEER_TEXELS)
-    return ends
+    return are_close(np.minimum(one, other)) & (np.maximum(one, other) >= _COVER_TEXELS + _SHEER_TEXELS)
 
 
-def find_cover_edges(
-    rays: RayScene, covered: NDArray[np.float32], bare: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
-) -> NDArray[np.float32]:
+def find_cover_edges(rays: RayScene, covered: Float32, bare: Float32, normal: Float32, texel_size: FloatArray) -> Float32:
     """(m,) float32, 0 to 1: where the cover ends on the way from covered to bare points (m, 3). The rest is as for find_covers."""
     low, step = np.zeros((len(covered), 1), np.float32), np.float32(0.5)
     for _ in range(_COVER_STEPS):
@@ -115,12 +103,12 @@ def find_cover_edges(
     return low[:, 0] + step
 
 
-def _are_covered(rays: RayScene, position: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+def _are_covered(rays: RayScene, position: Float32, normal: Float32, texel_size: FloatArray) -> BoolArray:
     """(n,) bool: whether a surface is within _COVER_TEXELS above; arguments as for find_covers."""
     return rays.occluded(offset_origin(position, normal), normal, (_COVER_TEXELS * texel_size).astype(np.float32))
 
 
-def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray) -> NDArray[np.bool_]:
+def find_clear_tiles(rays: RayScene, corner: Float32, normal: Float32, texel_size: FloatArray) -> BoolArray:
     """(m,) bool: square tiles of texels where no ray of find_contacts along rows and columns meets anything, and no cover ends.
 
     The rays of a row lie on one line, so that one ray stands for all of them.
@@ -144,9 +132,7 @@ def find_clear_tiles(rays: RayScene, corner: NDArray[np.float32], normal: NDArra
     return clear
 
 
-def _are_covered_alike(
-    rays: RayScene, corner: NDArray[np.float32], normal: NDArray[np.float32], texel_size: FloatArray
-) -> NDArray[np.bool_]:
+def _are_covered_alike(rays: RayScene, corner: Float32, normal: Float32, texel_size: FloatArray) -> BoolArray:
     """(m,) bool: tiles of which all texels are covered, or none; covers narrower than 5 texels may be missed.
 
     Arguments as find_clear_tiles.
@@ -159,11 +145,10 @@ def _are_covered_alike(
         for x in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
         for y in np.linspace(-margin, 1 + margin, _TILE_LOOKS, dtype=np.float32)
     ]
-    alike: NDArray[np.bool_] = np.all(looks, axis=0) | ~np.any(looks, axis=0)
-    return alike
+    return np.all(looks, axis=0) | ~np.any(looks, axis=0)
 
 
-def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.float32]) -> NDArray[np.float32]:
+def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: Float32) -> Float32:
     """(2, n, 3) float32, unit: directions of increasing columns and rows of texels on triangles; any tangents where undefined.
 
     corner      (n, 3, 3) float
@@ -183,16 +168,15 @@ def texel_axes(corner: FloatArray, corner_xy: FloatArray, normal: NDArray[np.flo
     return out
 
 
-def _any_axes(normal: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _any_axes(normal: Float32) -> tuple[Float32, Float32]:
     along = _any_tangent(normal)
     return along, np.cross(normal, along)
 
 
-def _any_tangent(normal: NDArray[np.float32]) -> NDArray[np.float32]:
+def _any_tangent(normal: Float32) -> Float32:
     least = np.abs(normal).argmin(1)
     axis = np.zeros_like(normal)
     axis[np.arange(len(normal)), least] = 1.0
     tangent = np.cross(normal, axis)
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
-    unit: NDArray[np.float32] = (tangent / np.where(length > 0.0, length, 1.0)).astype(np.float32)
-    return unit
+    return (tangent / np.where(length > 0.0, length, 1.0)).astype(np.float32)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.topology import join_sets
+from ..util.arrays import BoolArray, Int64
 from ..util.geometry import gather
 from .texel_grid import part_bits
 from .tiles import TILE_SIDE, TILE_TEXELS
@@ -21,9 +21,6 @@ _LEAST_LOG2 = TILE_SIDE.bit_length() - 1  # of the least side of a square: regio
 _MOST_PASSES = 8  # over squares of one size
 _COLUMN, _ROW = part_bits(np.arange(TILE_TEXELS))  # of texels in a square of the smallest size, in Morton order
 _LEAST_PART = 8  # texels, the least size of a new piece
-
-_Int64 = NDArray[np.int64]
-_Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -36,12 +33,12 @@ class _Net:
     length   (m,) int64, texels: length of the border that both share
     """
 
-    key: _Int64
-    size: _Int64
-    pair: _Int64
-    length: _Int64
+    key: Int64
+    size: Int64
+    pair: Int64
+    length: Int64
 
-    def join(self, level: int) -> tuple[_Int64, _Net]:
+    def join(self, level: int) -> tuple[Int64, _Net]:
         """The unit of each node (k,), and the graph of units: nodes that are connected within a square of side 2**level, which larger
         squares cannot disconnect.
         """
@@ -54,7 +51,7 @@ class _Net:
         number, length = _sum_alike(unit[gather(self.pair, outside)], self.length[outside], len(unit))
         return unit, _Net(self.key[is_first], _sum_at(unit, self.size), number, length)
 
-    def take(self, rows: _Int64) -> _Net:
+    def take(self, rows: Int64) -> _Net:
         """The subgraph of nodes (j,), ascending."""
         place = np.full(len(self.key), -1)
         place[rows] = np.arange(len(rows))
@@ -63,7 +60,7 @@ class _Net:
         return _Net(self.key[rows], self.size[rows], gather(pair, both), self.length[both])
 
 
-def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log2: int) -> tuple[_Int64, _Int64]:
+def part_in_squares(key: Int64, size: Int64, ways: Int64, closed: Int64, log2: int) -> tuple[Int64, Int64]:
     """The first patch of each patch's connected component (k,), and the first patch of its piece within the component (k,).
 
     key      (k,) int64, ascending: chart and Morton code of each patch's first texel
@@ -91,7 +88,7 @@ def part_in_squares(key: _Int64, size: _Int64, ways: _Int64, closed: _Int64, log
     return whole, first[label]
 
 
-def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _Int64:
+def _part_squares(net: _Net, label: Int64, level: int, closed_key: Int64) -> Int64:
     """(k,) int64: labels of the nodes' pieces, after parts have left their pieces in squares of side 2**level.
 
     label        (k,) int64: labels before
@@ -122,7 +119,7 @@ def _part_squares(net: _Net, label: _Int64, level: int, closed_key: _Int64) -> _
     return label
 
 
-def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: _Bool, fresh: int) -> _Int64:
+def _move_parts(net: _Net, label: Int64, square: Int64, part: Int64, looked: BoolArray, fresh: int) -> Int64:
     """(k,) int64: labels of the nodes' pieces, after parts have moved to other pieces.
 
     net      its edges connect squares and are listed in both directions
@@ -149,11 +146,10 @@ def _move_parts(net: _Net, label: _Int64, square: _Int64, part: _Int64, looked: 
     if fresh:
         alone = is_own & (texels[small] >= _LEAST_PART) & ~is_less[beside]
         into[beside[alone]] = into[small[alone]] = fresh + np.unique(beside[alone], return_inverse=True)[1]
-    out: _Int64 = np.where(into[part] >= 0, into[part], label)
-    return out
+    return np.where(into[part] >= 0, into[part], label)
 
 
-def _cross_lines(key: _Int64, square: _Int64, closed_key: _Int64, closed_square: _Int64) -> _Bool:
+def _cross_lines(key: Int64, square: Int64, closed_key: Int64, closed_square: Int64) -> BoolArray:
     """(m,) bool: pairs of texels across a line on which a surface stands somewhere in their square: a wall's line is extended past its end.
 
     Lines lie between columns or rows of the smallest squares.
@@ -169,20 +165,19 @@ def _cross_lines(key: _Int64, square: _Int64, closed_key: _Int64, closed_square:
     return crossed[line]
 
 
-def _number_lines(key: _Int64, square: _Int64) -> _Int64:
+def _number_lines(key: Int64, square: Int64) -> Int64:
     """(m,) int64: numbers of the lines between texels of keys (2, m), both of which lie in squares (m,)."""
     x, y = (place[key & (TILE_TEXELS - 1)] for place in (_COLUMN, _ROW))
     is_row = x[0] == x[1]
-    number: _Int64 = 2 * (square * TILE_SIDE + np.where(is_row, np.maximum(*y), np.maximum(*x))) + is_row
-    return number
+    return 2 * (square * TILE_SIDE + np.where(is_row, np.maximum(*y), np.maximum(*x))) + is_row
 
 
-def _sum_alike(pair: _Int64, length: _Int64, count: int) -> tuple[_Int64, _Int64]:
+def _sum_alike(pair: Int64, length: Int64, count: int) -> tuple[Int64, Int64]:
     """Distinct pairs of numbers below count, ascending, from pairs (2, m); and the sums of their lengths."""
     found, place = np.unique(pair[0] * count + pair[1], return_inverse=True)
     return np.stack(np.divmod(found, count)), _sum_at(place, length)
 
 
-def _sum_at(place: _Int64, value: _Int64) -> _Int64:
+def _sum_at(place: Int64, value: Int64) -> Int64:
     """(max + 1,) int64: sums of values (m,) at places (m,)."""
     return np.bincount(place, value).astype(np.int64)

@@ -11,13 +11,12 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..atlas.charts import ChartAtlas
 from ..atlas.layer_check import signed_areas
 from ..scene.scene import SceneSnapshot
 from ..scene.topology import find_ends, find_groups_with_twins, join_open_sides, join_sets, pair_sides
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import BoolArray, Float64, FloatArray, IntArray
 
 _CREASE_COSINE = math.cos(math.radians(20.0))  # between shading normals at an edge's end; 2 and 8 degrees bake no better, with more leaves
 # texels; adjacent narrower faces form a rough surface whose mean the texels show, since each face alone would receive too few photons
@@ -45,7 +44,7 @@ def cut_at_creases(snapshot: SceneSnapshot, atlas: ChartAtlas) -> ChartAtlas:
     return dataclasses.replace(atlas, tri_chart=tri_chart, chart_page=atlas.chart_page[whole], chart_object=atlas.chart_object[whole])
 
 
-def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_object: IntArray) -> NDArray[np.bool_]:
+def _find_feet(vertex_position: Float64, tri_vertex: IntArray, tri_object: IntArray) -> BoolArray:
     """(3 n,) bool: sides at edges where surfaces of one object meet in three directions or more; all triangles have an area.
 
     vertex_position   (n_vertex, 3) float64, m
@@ -68,18 +67,17 @@ def _find_feet(vertex_position: NDArray[np.float64], tri_vertex: IntArray, tri_o
     return foot
 
 
-def _point_off(corner: NDArray[np.float64], side: IntArray) -> NDArray[np.float64]:
+def _point_off(corner: Float64, side: IntArray) -> Float64:
     """(m, 3) float64, unit: inward directions in the planes of triangles, perpendicular to their sides (m,); corner (m, 3, 3)."""
     rows = np.arange(len(side))
     start, end, far = (corner[rows, (side + k) % 3] for k in range(3))
     along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
     off = far - start
     off -= (off * along).sum(axis=1)[:, None] * along
-    unit: NDArray[np.float64] = off / np.linalg.norm(off, axis=1)[:, None]
-    return unit
+    return off / np.linalg.norm(off, axis=1)[:, None]
 
 
-def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _fork(edge: IntArray, direction: Float64) -> BoolArray:
     """(n_edge,) bool: whether an edge has sides in three directions or more; directions (m, 3) of sides at edges (m,), numbered without
     gaps.
     """
@@ -88,18 +86,16 @@ def _fork(edge: IntArray, direction: NDArray[np.float64]) -> NDArray[np.bool_]:
     cosine = (direction * direction[first[edge]]).sum(axis=1)
     least = np.lexsort((cosine, edge))[np.cumsum(count) - count]  # the side that differs most from the first of its edge
     differs = (cosine < _CREASE_COSINE) & ((direction * direction[least[edge]]).sum(axis=1) < _CREASE_COSINE)
-    fork: NDArray[np.bool_] = np.bincount(edge, differs, len(count)) > 0
-    return fork
+    return np.bincount(edge, differs, len(count)) > 0
 
 
-def _differ(one: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+def _differ(one: FloatArray, other: FloatArray) -> BoolArray:
     """(2, m) bool: whether normals (2, m, 3) form a crease; not where one of them is 0."""
     has_normals = one.any(axis=-1) & other.any(axis=-1)
-    differ: NDArray[np.bool_] = has_normals & ((one * other).sum(axis=-1) < _CREASE_COSINE)
-    return differ
+    return has_normals & ((one * other).sum(axis=-1) < _CREASE_COSINE)
 
 
-def _find_narrow(tri_uv: FloatArray, facet: IntArray, pair: IntArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _find_narrow(tri_uv: FloatArray, facet: IntArray, pair: IntArray, smooth: BoolArray) -> BoolArray:
     """(n,) bool: whether facets belong to a rough surface.
 
     tri_uv   (n, 3, 2) float64, texels
@@ -119,5 +115,4 @@ def _find_narrow(tri_uv: FloatArray, facet: IntArray, pair: IntArray, smooth: ND
     here, there = np.concatenate([crease, crease[::-1]], axis=1)
     beside = narrow[facet[there // 3]]
     among = np.bincount(facet[here[beside] // 3], length[here[beside]], minlength=len(facet))
-    lost: NDArray[np.bool_] = narrow | ((width < _LOST_WIDTH) & (among > 0.5 * around))
-    return lost
+    return narrow | ((width < _LOST_WIDTH) & (among > 0.5 * around))

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.arrays import Int32, Int64
 from ..util.coverage import expand_ranges
 from ..util.progress import Say
 from .texel_map import TexelMap
 
 _CHUNK = 1 << 18  # cells at a time
-
-_Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,11 @@ class EntryOrder:
     go     (2, k) int64: low and high of the runs that move, in their order at the end
     """
 
-    stay: _Int64
-    go: _Int64
+    stay: Int64
+    go: Int64
 
     @classmethod
-    def of(cls, start: _Int64, size: _Int64, order: _Int64, count: int) -> EntryOrder:
+    def of(cls, start: Int64, size: Int64, order: Int64, count: int) -> EntryOrder:
         """Patches of `count` entries move to the end: start and size (k,), ascending, and order (k,) their new order."""
         end = start + size
         between = np.stack([np.append(0, end), np.append(start, count)])
@@ -54,7 +53,7 @@ class EntryOrder:
             end += high - low
         np.concatenate([flat[:0], *gone], out=flat[end * row :])
 
-    def place(self) -> NDArray[np.int32]:
+    def place(self) -> Int32:
         """(n + 1,) int32: new index of each entry; the last maps -1 to -1."""
         low, high = np.concatenate([self.stay, self.go], axis=1)
         end = np.cumsum(high - low)
@@ -65,7 +64,7 @@ class EntryOrder:
         return out
 
 
-def _join_runs(runs: _Int64) -> _Int64:
+def _join_runs(runs: Int64) -> Int64:
     """(2, j): runs (2, k), where a run that starts at another's end is joined to it."""
     apart = runs[0, 1:] != runs[1, :-1]
     return np.stack([runs[0, np.append(True, apart)[: runs.shape[1]]], runs[1, np.append(apart, True)[: runs.shape[1]]]])

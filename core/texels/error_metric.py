@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
 from .texel_map import TexelMap
 
 # Floor of the denominator of relative errors, as a share of the group's mean brightness: else one black texel would dominate the error.
@@ -47,11 +47,11 @@ class ErrorMetric:
     entry_group    (n,) int32: the group of each texel entry, -1 outside of all groups; None if the only group is the whole
     """
 
-    entry: NDArray[np.int64]
-    area_m2: NDArray[np.float64]
-    objects: dict[int, NDArray[np.int64]]
-    groups: list[NDArray[np.int64]]
-    entry_group: NDArray[np.int32] | None = None
+    entry: Int64
+    area_m2: Float64
+    objects: dict[int, Int64]
+    groups: list[Int64]
+    entry_group: Int32 | None = None
 
     @classmethod
     def of(cls, error_of: str, texels: TexelMap, tri_object: IntArray) -> ErrorMetric:
@@ -95,7 +95,7 @@ class ErrorMetric:
             area_m2[rows] *= len(all_of[one]) / len(rows)
         return cls(entry, area_m2, large, groups, group_of[thing])
 
-    def find_share(self, chosen: NDArray[np.bool_]) -> float:
+    def find_share(self, chosen: BoolArray) -> float:
         """Estimated share of all texels that the `chosen` (m,) rows of the sample represent; 1 if none is chosen.
 
         Rows of the whole have equal weights; rows of objects, whose sampling rates differ, are weighted by area as an approximation.
@@ -103,7 +103,7 @@ class ErrorMetric:
         share = float(np.average(chosen, weights=self.area_m2 if self.entry_group is not None else None)) if chosen.any() else 0.0
         return share or 1.0
 
-    def find_object_errors(self, find_error_alone: Callable[[NDArray[np.int64]], float]) -> dict[int, float]:
+    def find_object_errors(self, find_error_alone: Callable[[Int64], float]) -> dict[int, float]:
         """object index -> find_error_alone(rows (k,) int64) for each object with enough rows."""
         return {thing: find_error_alone(rows) for thing, rows in self.objects.items()}
 
@@ -127,20 +127,20 @@ class Parts:
     of_entry   (n,) int32: the group of each texel entry, -1 outside of all groups; None if the only group is the whole
     """
 
-    rows: list[NDArray[np.int64]]
-    dark2: NDArray[np.float32]
-    of_entry: NDArray[np.int32] | None = None
+    rows: list[Int64]
+    dark2: Float32
+    of_entry: Int32 | None = None
 
     @classmethod
     def whole(cls, count: int, dark: float) -> Parts:
         return cls([np.arange(count)], np.array([dark], np.float32) ** 2)
 
-    def find_dark2(self, entry: IntArray) -> NDArray[np.float32]:
+    def find_dark2(self, entry: IntArray) -> Float32:
         """(k, 1) or (1,): `dark2` of texel entries (k,); infinite outside of all groups."""
         return self.dark2 if self.of_entry is None else self.spread(self.dark2, entry, np.inf)[:, None]
 
     @cached_property
-    def size(self) -> NDArray[np.int64]:
+    def size(self) -> Int64:
         """(p,): texel entries of each group; only with of_entry."""
         assert self.of_entry is not None
         return np.bincount(self.of_entry + 1, minlength=len(self.rows) + 1)[1:].astype(np.int64)
@@ -148,19 +148,17 @@ class Parts:
     def spread(self, values: NDArray[Any], entry: IntArray | slice, elsewhere: float) -> NDArray[Any]:
         """(k,): values (p,) of the groups, gathered at texel entries (k,); `elsewhere` outside of all groups."""
         assert self.of_entry is not None
-        found: NDArray[Any] = np.append(values, values.dtype.type(elsewhere))[self.of_entry[entry]]  # _NONE is the last
-        return found
+        return np.append(values, values.dtype.type(elsewhere))[self.of_entry[entry]]  # _NONE is the last
 
-    def weigh(self, errors: NDArray[np.float64], wanted: float) -> NDArray[np.float64]:
+    def weigh(self, errors: Float64, wanted: float) -> Float64:
         """(p,) float64: weights per texel of squared errors, such that samples bring the greatest of the errors (p,) down to `wanted`."""
         if self.of_entry is None:
             return np.ones(1)
         over = np.nan_to_num(errors) / wanted
-        weight: NDArray[np.float64] = np.clip(over**_WEIGHT_POWER, 1.0 / _MOST_WEIGHT, _MOST_WEIGHT) / np.maximum(self.size, 1)
-        return weight
+        return np.clip(over**_WEIGHT_POWER, 1.0 / _MOST_WEIGHT, _MOST_WEIGHT) / np.maximum(self.size, 1)
 
 
-def choose_lit(rows: NDArray[np.int64], lit: NDArray[np.bool_]) -> NDArray[np.int64]:
+def choose_lit(rows: Int64, lit: BoolArray) -> Int64:
     """The rows (k,) of lit (n,) texels, or all rows if none is lit.
 
     Texels that no light reaches, as on the outer side of a thick wall, have no error and would only lower the mean error of the others.
@@ -176,14 +174,14 @@ def find_dark2(light: FloatArray, dark: float) -> np.float32:
     return np.float32(DARK_FLOOR * max(mean, dark)) ** 2
 
 
-def _group(value: IntArray) -> dict[int, NDArray[np.int64]]:
+def _group(value: IntArray) -> dict[int, Int64]:
     """Each distinct value, ascending, with its rows (k,) int64, ascending."""
     order = np.argsort(value, kind="stable")
     found, first = np.unique(value[order], return_index=True)
     return {int(one): order[start:end] for one, (start, end) in zip(found, pairwise([*first, len(value)]), strict=True)}
 
 
-def choose_sample(texels: TexelMap) -> NDArray[np.int64]:
+def choose_sample(texels: TexelMap) -> Int64:
     """(m,) int64, ascending: at most _SAMPLE shown texels with covered centres, aperiodically spaced; all texels if there are none."""
     middle = texels.shown & texels.is_central
     parts = list(cut_entries(len(middle)))
@@ -202,7 +200,7 @@ def choose_sample(texels: TexelMap) -> NDArray[np.int64]:
     return np.concatenate(found)
 
 
-def _spread(total: int, most: int) -> NDArray[np.int64]:
+def _spread(total: int, most: int) -> Int64:
     """(min(total, most),) int64, ascending: indices below `total`, one jittered by the golden ratio in each of `most` strata."""
     if total <= most:
         return np.arange(total)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Int32, Int64, IntArray
 from .quads import find_whole_quads, list_texels
 from .texel_map import TexelMap
 
@@ -25,14 +24,14 @@ class Lattice:
     of_quads   whether each of these entries represents its quad
     """
 
-    grainy: NDArray[np.int64]
+    grainy: Int64
     xy: IntArray
-    entry_at: NDArray[np.int32]
-    may: NDArray[np.bool_] | None
+    entry_at: Int32
+    may: BoolArray | None
     of_quads: bool
 
 
-def list_lattices(grainy: NDArray[np.bool_], texels: TexelMap, by_quads: NDArray[np.bool_] | None = None) -> Iterator[Lattice]:
+def list_lattices(grainy: BoolArray, texels: TexelMap, by_quads: BoolArray | None = None) -> Iterator[Lattice]:
     """The lattices on which noise is filtered; arguments are as for denoise.begin_denoising.
 
     Charts begin anywhere, so the first texels of quads may lie on any of four lattices. The lattice of all texels filters those outside of

@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..util.arrays import BoolArray, Float32, Int64
+
 _EMPTY, _FILLED, _QUEUED, _OUTSIDE = range(4)  # the first two equal the values of the covered mask
 _BAND = 128  # rows processed at once: the intermediate arrays fit the cache
 
 
-def fill_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: int) -> NDArray[np.float32]:
+def fill_margin(page: Float32, covered: BoolArray, texels: int) -> Float32:
     """A copy of the page with its margin; arguments as for add_margin."""
     out = page.copy()
     add_margin(out, covered, texels)
     return out
 
 
-def add_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: int) -> None:
+def add_margin(page: Float32, covered: BoolArray, texels: int) -> None:
     """Sets uncovered texels up to `texels` steps from a covered one to the mean of their neighbours nearer to it; others stay.
 
     page      (h, w, c) float32, one row right after the other
@@ -55,7 +57,7 @@ def add_margin(page: NDArray[np.float32], covered: NDArray[np.bool_], texels: in
         ring, at = np.concatenate(next_ring), np.concatenate(next_at)
 
 
-def _first_ring(state: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _first_ring(state: NDArray[np.uint8]) -> Int64:
     """Flat indices of empty texels next to a filled one."""
     found = []
     for row in range(1, len(state) - 1, _BAND):

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import Float64, FloatArray, Int64, IntArray
+from ..util.arrays import BoolArray, Float64, FloatArray, Int64, IntArray
 from .texel_grid import part_bits
 from .tiles import TILE_TEXELS, Tiles, find_residual2
 
@@ -39,7 +39,7 @@ class Quads:
         return cls(np.zeros(0, np.int64), np.zeros((0, 3), np.int64))
 
     @classmethod
-    def of(cls, tiles: Tiles, tri: IntArray, alone: NDArray[np.bool_]) -> Quads:
+    def of(cls, tiles: Tiles, tri: IntArray, alone: BoolArray) -> Quads:
         """Large tiles of four tiles on one triangle.
 
         tri     (n,) int    triangles of the texels
@@ -68,7 +68,7 @@ class Quads:
         """The large tiles as Tiles among the quads."""
         return Tiles(np.arange(len(self)) * TILE_TEXELS, self.place)
 
-    def texels(self, some: NDArray[np.bool_]) -> Int64:
+    def texels(self, some: BoolArray) -> Int64:
         """(k * 256,) int64, ascending: rows of the texels of some of the tiles, (m,) bool."""
         return (self.start[some, None] + np.arange(_LARGE_TEXELS)).ravel()
 
@@ -80,15 +80,14 @@ def list_texels(first: NDArray[_Index]) -> NDArray[_Index]:
     return out
 
 
-def find_whole_quads(by_quads: NDArray[np.bool_], code: IntArray) -> Int64:
+def find_whole_quads(by_quads: BoolArray, code: IntArray) -> Int64:
     """(k,) int64, ascending: first entries of the quads whose texels are all marked.
 
     by_quads   (n,) bool: texel entries that were sampled by quads
     code       (n,) int: their Morton codes
     """
     first = np.flatnonzero(by_quads & (code & (QUAD_TEXELS - 1) == 0))
-    whole: Int64 = first[by_quads[list_texels(first)].reshape(-1, QUAD_TEXELS).all(axis=1)]
-    return whole
+    return first[by_quads[list_texels(first)].reshape(-1, QUAD_TEXELS).all(axis=1)]
 
 
 def find_misfit(value: Float64, variance: Float64) -> Float64:
@@ -97,8 +96,7 @@ def find_misfit(value: Float64, variance: Float64) -> Float64:
     value, variance   (m * 64,) float64, W/m^2 and its square, of quads
     """
     off2 = find_residual2(value.reshape(-1, TILE_TEXELS))
-    misfit2: Float64 = np.maximum(off2 - variance.reshape(-1, TILE_TEXELS).mean(axis=1), 0.0)
-    return misfit2
+    return np.maximum(off2 - variance.reshape(-1, TILE_TEXELS).mean(axis=1), 0.0)
 
 
 def spread_over_texels(value: Float64) -> Float64:

@@ -6,19 +6,15 @@ Light is the same on both sides of smooth-shaded edges, and between flat faces i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.scene import SceneSnapshot
 from ..scene.topology import find_ends, join_open_sides, pair_sides
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
 from ..util.coverage import expand_ranges
-
-Float32: TypeAlias = NDArray[np.float32]
-Float64: TypeAlias = NDArray[np.float64]
-Int32: TypeAlias = NDArray[np.int32]
-Int64: TypeAlias = NDArray[np.int64]
 
 _SAME_NORMAL = 0.9998  # cosine, about a degree: a greater angle between shading normals is intended to be visible
 _SHARPEST = 0.5  # cosine between faces, whatever their shading normals: below it one of them faces away from the light of the other
@@ -78,14 +74,12 @@ def find_seams(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64, tri_p
 
 
 def _next_corner(corner: Int64) -> Int64:
-    following: Int64 = corner - corner % 3 + (corner + 1) % 3
-    return following
+    return corner - corner % 3 + (corner + 1) % 3
 
 
-def _are_near(one: NDArray[Any], other: NDArray[Any], cosine: float) -> NDArray[np.bool_]:
+def _are_near(one: NDArray[Any], other: NDArray[Any], cosine: float) -> BoolArray:
     lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
-    near: NDArray[np.bool_] = ((one * other).sum(axis=1) >= cosine * lengths) & (lengths > 0.0)
-    return near
+    return ((one * other).sum(axis=1) >= cosine * lengths) & (lengths > 0.0)
 
 
 def _pair_sides(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64) -> tuple[Int64, Int64]:

@@ -13,9 +13,8 @@ from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
 from ..util.coverage import expand_ranges, monomial_exponents
 from ..util.progress import Say
 
@@ -42,11 +41,11 @@ class TexelBorders:
     diagonal  (4, b) int32: the diagonal neighbour, to which the inside of that corner belongs; -1 without a corner
     """
 
-    crossed: NDArray[np.bool_]
+    crossed: BoolArray
     entry: Int64
-    reach: NDArray[np.float32]
+    reach: Float32
     other: Int32
-    corner: NDArray[np.float32]
+    corner: Float32
     diagonal: Int32
 
     @classmethod
@@ -122,12 +121,11 @@ class TexelBorders:
         return TexelBorders(crossed, entry, self.reach[:, rows], other, self.corner[:, :, rows], diagonal)
 
     @property
-    def are_divided(self) -> NDArray[np.bool_]:
+    def are_divided(self) -> BoolArray:
         """(b,) bool: whether a part of the area is known to lie beyond a surface."""
-        divided: NDArray[np.bool_] = np.isfinite(self.reach).any(axis=0) | (self.diagonal >= 0).any(axis=0)
-        return divided
+        return np.isfinite(self.reach).any(axis=0) | (self.diagonal >= 0).any(axis=0)
 
-    def see_beyond(self, entry: IntArray, side: float) -> NDArray[np.bool_]:
+    def see_beyond(self, entry: IntArray, side: float) -> BoolArray:
         """(m,) bool: whether the square of side `side`, texels, around the centre of entries (m,) reaches beyond a surface."""
         found = np.zeros(len(entry), bool)
         if len(self.entry):
@@ -136,7 +134,7 @@ class TexelBorders:
             found[rows] = np.minimum(self.reach[:, own].min(axis=0), self.corner[:, :, own].max(axis=1).min(axis=0)) < 0.5 * side
         return found
 
-    def are_between(self, way: int, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+    def are_between(self, way: int, one: IntArray, other: IntArray) -> BoolArray:
         """(m,) bool: whether a surface separates entries `one` (m,) from `other` (m,), which lie in that direction."""
         between = np.zeros(len(one), bool)
         if len(self.entry):
@@ -203,7 +201,7 @@ def whole_texel(degree: int) -> Float64:
     return np.array([[_integrate(-_HALF, _HALF, i) * _integrate(-_HALF, _HALF, j)] for i, j in monomial_exponents(degree)])
 
 
-def _no_borders(count: int) -> tuple[NDArray[np.float32], Int32, NDArray[np.float32], Int32]:
+def _no_borders(count: int) -> tuple[Float32, Int32, Float32, Int32]:
     """The fields of TexelBorders from `reach` on, for `count` texels without a surface."""
     reach, corner = np.full((4, count), np.inf, np.float32), np.full((4, 2, count), np.inf, np.float32)
     return reach, np.full((4, count), -1, np.int32), corner, np.full((4, count), -1, np.int32)
@@ -211,8 +209,7 @@ def _no_borders(count: int) -> tuple[NDArray[np.float32], Int32, NDArray[np.floa
 
 def _number_on(entry: Int32, first: int) -> Int32:
     """Entries numbered from 0 renumbered from `first`; -1 for none stays."""
-    out: Int32 = np.where(entry >= 0, first + entry, np.int32(-1)).astype(np.int32)
-    return out
+    return np.where(entry >= 0, first + entry, np.int32(-1)).astype(np.int32)
 
 
 def _between(one: FloatArray | float, other: FloatArray | float, power: int) -> Float64:
@@ -222,8 +219,7 @@ def _between(one: FloatArray | float, other: FloatArray | float, power: int) -> 
 
 def _integrate(low: FloatArray | float, high: FloatArray | float, power: int) -> Float64:
     """Integral of x^power from low to high."""
-    out: Float64 = np.asarray((high ** (power + 1) - low ** (power + 1)) / (power + 1))
-    return out
+    return np.asarray((high ** (power + 1) - low ** (power + 1)) / (power + 1))
 
 
 def share_texels(texels: TexelMap, borders: TexelBorders, say: Say = lambda share: None) -> TexelMap:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
 
 _ROUNDING = 1e-9  # weight of a corner below 0 that is still on the triangle
 
@@ -25,7 +24,7 @@ class TexelFootprints:
     """
 
     tri: Int32
-    weight: NDArray[np.float32]
+    weight: Float32
     part: Int64
     first: Int64
     after: Float64
@@ -69,7 +68,7 @@ class TexelFootprints:
         second = root * point[..., 1]
         return piece + len(self), root - second, second
 
-    def points(self, point: FloatArray) -> tuple[Int32, NDArray[np.float32]]:
+    def points(self, point: FloatArray) -> tuple[Int32, Float32]:
         """Points of the unit square mapped to every texel: (k, n) int32 triangles and (k, n, 2) float32 weights of corners 1 and 2.
 
         point   (k, n, 2) or (k, 1, 2) float in [0, 1)
@@ -84,11 +83,10 @@ class TexelFootprints:
             tri[:, rows], weight[:, :, rows] = self.tri[element], self._interpolate(element, *along)
         return tri, np.moveaxis(weight, 0, -1)
 
-    def _interpolate(self, element: Int64, a: Float64, b: Float64) -> NDArray[np.float32]:
+    def _interpolate(self, element: Int64, a: Float64, b: Float64) -> Float32:
         """(2, k, m) float32: weights of corners 1 and 2 at coordinates a, b (k, m) of elements (1 or k, m)."""
         origin, along_a, along_b = self.weight[:, :, element]
-        out: NDArray[np.float32] = (origin + a * along_a + b * along_b).astype(np.float32)
-        return out
+        return (origin + a * along_a + b * along_b).astype(np.float32)
 
 
 def centred_strata(count: int) -> Float64:
@@ -100,11 +98,10 @@ def centred_strata(count: int) -> Float64:
     if side * side != count or not count:
         raise ValueError(f"count: expected a square number, got {count}")
     line = (np.arange(side) + 0.5) / side
-    strata: Float64 = np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
-    return strata
+    return np.stack(np.meshgrid(line, line), axis=-1).reshape(count, 1, 2)
 
 
-def are_inside(weight: Float64) -> NDArray[np.bool_]:
+def are_inside(weight: Float64) -> BoolArray:
     """(m,) bool: whether squares lie wholly on their triangles; weight (3, 2, m) as in TexelFootprints."""
     inside = np.ones(weight.shape[2], bool)
     for a, b in ((0, 0), (1, 0), (0, 1), (1, 1)):

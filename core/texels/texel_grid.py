@@ -41,8 +41,7 @@ class TexelGrid:
         row = np.floor(y).astype(np.int32) + rows[:, 2]
         cells = self.row_cell.take(np.clip(row, rows[:, 0], rows[:, 1]), axis=0, mode="wrap")
         column = np.clip(np.floor(x).astype(np.int64), cells[:, 0], cells[:, 1])
-        found: Int32 = self.cell_entry.take(cells[:, 2] + column, mode="wrap")
-        return found
+        return self.cell_entry.take(cells[:, 2] + column, mode="wrap")
 
     def cells_of_rows(self) -> tuple[Int64, Int64]:
         """First cell of each row (n_row,) and their number (n_row,)."""
@@ -126,8 +125,7 @@ def interleave_bits(x: IntArray, y: IntArray) -> Int64:
     x, y   (n,) int, 0 to 65535
     """
     even, odd = _spread_bits(x), _spread_bits(y)
-    interleaved: Int64 = (even | (odd << np.uint32(1))).astype(np.int64)
-    return interleaved
+    return (even | (odd << np.uint32(1))).astype(np.int64)
 
 
 def _spread_bits(value: IntArray) -> NDArray[np.uint32]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float64, FloatArray, Int32, Int64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
 from ..util.coverage import CHUNK_SIZE, as_slice, clip_to_texels, expand_ranges
 from .split_texels import TexelBorders
 from .texel_footprint import TexelFootprints, are_inside
@@ -73,21 +72,19 @@ class TexelMap:
         """Number of entries."""
         return len(self.texel_tri)
 
-    def page_of(self, entry: IntArray | slice) -> NDArray[np.int32]:
+    def page_of(self, entry: IntArray | slice) -> Int32:
         """(m,) int32: the pages of entries (m,)."""
-        page: NDArray[np.int32] = self.chart_page[self.texel_chart[entry]]
-        return page
+        return self.chart_page[self.texel_chart[entry]]
 
     @property
-    def texel_bary(self) -> NDArray[np.float32]:
+    def texel_bary(self) -> Float32:
         """(n, 3) float32: corner weights on texel_tri of each entry's representative point, which is covered."""
         return self.bary_at(np.arange(len(self)))
 
-    def bary_at(self, entry: IntArray) -> NDArray[np.float32]:
+    def bary_at(self, entry: IntArray) -> Float32:
         """texel_bary at entries (m,) int; a view of (3, m) rows."""
         u, v = self._corner_weights(self.texel_tri[entry], *self.own_points_at(entry))
-        bary: NDArray[np.float32] = np.stack([np.maximum(1.0 - (u + v), 0.0), u, v]).astype(np.float32).T
-        return bary
+        return np.stack([np.maximum(1.0 - (u + v), 0.0), u, v]).astype(np.float32).T
 
     def own_points(self, start: int, stop: int) -> Float64:
         """(2, stop - start) float64, page texels: x and y of the representative points of entries start ... stop - 1."""
@@ -109,14 +106,14 @@ class TexelMap:
         return rows, np.searchsorted(self.part_entry, entry[rows])
 
     @cached_property
-    def is_part(self) -> NDArray[np.bool_]:
+    def is_part(self) -> BoolArray:
         """(n,) bool: whether an entry is covered in part."""
         is_part = np.zeros(len(self), bool)
         is_part[self.part_entry] = True
         return is_part
 
     @cached_property
-    def is_central(self) -> NDArray[np.bool_]:
+    def is_central(self) -> BoolArray:
         """(n,) bool: whether the chart covers the texel's centre."""
         central = np.ones(len(self), bool)
         central[self.off_centre] = False
@@ -147,7 +144,7 @@ class TexelMap:
         return entry_at.reshape(self.page_count, self.page_size, self.page_size)
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> BoolArray:
         """(n,) bool: whether the page shows the entry, see entry_at."""
         if self._has_room_for_all(self.entry_at):
             return np.ones(len(self), bool)
@@ -165,7 +162,7 @@ class TexelMap:
         keys |= self.texel_code[entry]
         return keys
 
-    def are_covered(self) -> NDArray[np.bool_]:
+    def are_covered(self) -> BoolArray:
         """(n,) bool: entries that their chart covers in full and evenly, by one triangle or several."""
         covered = np.ones(len(self), bool)
         first, tri = self.part_entry, self.pair_tri[self.pair_start[0] : self.pair_start[-1]]
@@ -252,7 +249,7 @@ class TexelMap:
     def _even_squares(self) -> EvenSquares:
         return EvenSquares.of(self.texel_chart, self.texel_code, self.texel_xy, self.texel_area, self.part_entry)
 
-    def sub_points(self, entry: IntArray, point: FloatArray, side: float = FOOTPRINT_SIDE) -> tuple[Int32, NDArray[np.float32]]:
+    def sub_points(self, entry: IntArray, point: FloatArray, side: float = FOOTPRINT_SIDE) -> tuple[Int32, Float32]:
         """Points of the unit square mapped to the texels' footprints, see `footprints_at` and `TexelFootprints.points`."""
         return self.footprints_at(entry, side).points(point)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..atlas.layer_check import signed_areas
 from ..parallel.shared_arrays import IN_MEMORY, Room
 from ..scene.scene import SceneSnapshot
-from ..util.arrays import Float64, Int32, Int64
+from ..util.arrays import BoolArray, Float64, Int32, Int64
 from ..util.coverage import (
     RowSpans,
     as_slice,
@@ -167,8 +167,7 @@ def _centre_depth(sides: Float64, tri: Int32, x: Float64, y: Float64) -> Float64
     for start_x, start_y, edge_x, edge_y, length in gather(sides, tri):
         distance = (edge_x * (y - start_y) - edge_y * (x - start_x)) / length  # from the side's line, signed by orientation
         least, greatest = np.minimum(least, distance), np.maximum(greatest, distance)
-    depth: Float64 = np.maximum(least, -greatest)
-    return depth
+    return np.maximum(least, -greatest)
 
 
 def _collect_entries(
@@ -244,7 +243,7 @@ def _find_extents(spans: RowSpans, grid: TexelGrid, pairs: _Pairs, n_chart: int,
     return low, high
 
 
-def _walk_squares(low: Int32, high: Int32, log2: Int32, filled: NDArray[np.bool_]) -> Iterator[tuple[Int32, Int32, Int32, Int64]]:
+def _walk_squares(low: Int32, high: Int32, log2: Int32, filled: BoolArray) -> Iterator[tuple[Int32, Int32, Int32, Int64]]:
     """Chunks of all slots of the charts' roots that may hold texels, in order: charts, page texels x and y, and Morton codes.
 
     low, high   (n_chart, 2) int32, from _find_extents

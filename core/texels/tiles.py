@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import Float64, Int64, IntArray
+from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.coverage import CHUNK_SIZE
 from .texel_grid import interleave_bits, part_bits
 
@@ -49,7 +48,7 @@ class Tiles:
         whole = end - at == TILE_TEXELS
         return Tiles(at[whole], self.place[whole])
 
-    def without(self, texels: NDArray[np.bool_]) -> Tiles:
+    def without(self, texels: BoolArray) -> Tiles:
         """Tiles without any of the marked texels (n,)."""
         free = ~texels[self.texels()].any(axis=1) if texels.any() else np.ones(len(self), bool)
         return Tiles(self.start[free], self.place[free])
@@ -64,7 +63,7 @@ class Tiles:
         """(m, 64) int64: rows of the tiles' texels."""
         return self.start[:, None] + np.arange(TILE_TEXELS)
 
-    def near(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def near(self, marked: BoolArray) -> BoolArray:
         """(m,) bool: the marked tiles and their 8 neighbours."""
         key = (self.place[:, 0] << 2 * _PLACE_BITS) + (self.place[:, 2] << _PLACE_BITS) + self.place[:, 1]
         wanted = np.sort(key[marked])
@@ -85,8 +84,7 @@ def find_tiles(chart: IntArray, code: IntArray) -> Int64:
         parts.append(start + np.flatnonzero(code[start : min(start + CHUNK_SIZE, count)] & (TILE_TEXELS - 1) == 0))
     first = np.concatenate(parts)
     last = first + TILE_TEXELS - 1
-    whole: Int64 = first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
-    return whole
+    return first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
 
 
 def find_residual2(value: Float64) -> Float64:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Int32, Int64, IntArray
 from ..util.coverage import expand_ranges
 
 _WIDTHS = (16, 32, 64, 128, 256)  # candidate widths of strips, texels: narrow ones for contacts, wide ones for whole pages
@@ -29,24 +28,16 @@ class Strips:
     width            width of all strips, with their halos
     """
 
-    entry_at: NDArray[np.int32]
+    entry_at: Int32
     halo: int
-    wanted: NDArray[np.bool_]
-    left: NDArray[np.int64]
-    low: NDArray[np.int64]
-    height: NDArray[np.int64]
+    wanted: BoolArray
+    left: Int64
+    low: Int64
+    height: Int64
     width: int
 
     @classmethod
-    def of(
-        cls,
-        grainy: NDArray[np.int64],
-        xy: IntArray,
-        entry_at: NDArray[np.int32],
-        radius: int,
-        halo: int,
-        may: NDArray[np.bool_] | None = None,
-    ) -> Strips:
+    def of(cls, grainy: Int64, xy: IntArray, entry_at: Int32, radius: int, halo: int, may: BoolArray | None = None) -> Strips:
         """Strips around all texels within the windows of grainy ones. Those may have a small variance by chance, but the filter must be
         symmetric to preserve energy: a texel that contributes to a grainy one must receive its share of it.
 
@@ -69,12 +60,12 @@ class Strips:
         cuts = (cls(entry_at, halo, wanted, *_find_strips(wanted, width, halo), width + 2 * halo) for width in _WIDTHS)
         return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
 
-    def groups(self) -> list[NDArray[np.int64]]:
+    def groups(self) -> list[Int64]:
         """Groups of strips to process at once."""
         together = np.cumsum(self.height) * self.width // _TOGETHER
         return np.split(np.arange(len(self.height)), np.flatnonzero(np.diff(together)) + 1) if len(together) else []
 
-    def stack(self, some: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    def stack(self, some: Int64) -> tuple[Int32, BoolArray]:
         """Entries of some strips stacked in one image, and which of them are wanted; the latter without the stack's own halo."""
         (rows, columns), halo = self.entry_at.shape, self.halo
         height = self.height[some]
@@ -89,7 +80,7 @@ class Strips:
         return entry, wanted[halo:-halo]
 
 
-def _find_strips(wanted: NDArray[np.bool_], width: int, halo: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def _find_strips(wanted: BoolArray, width: int, halo: int) -> tuple[Int64, Int64, Int64]:
     """Strips that contain all wanted (h, w) texels: their left and low corners, and their heights with halos."""
     eight = wanted.view(np.uint64) != 0  # eight texels at once
     strip, row = np.nonzero(eight.reshape(len(wanted), -1, width // 8).any(axis=2).T)
@@ -100,7 +91,7 @@ def _find_strips(wanted: NDArray[np.bool_], width: int, halo: int) -> tuple[NDAr
     return strip[first] * width, row[first], row[last] - row[first] + 1 + 2 * halo
 
 
-def _widen(image: NDArray[np.bool_], radius: int) -> None:
+def _widen(image: BoolArray, radius: int) -> None:
     """Dilate the image by a square of side 2 * radius + 1, in place."""
     for axis in (0, 1):
         narrow = image.copy()  # shifting whole slices in memory order is twenty times as fast along columns

@@ -27,6 +27,7 @@ from ..texels.texel_grid import interleave_bits, step_codes
 from ..texels.texel_map import CHART_SHIFT, TexelMap
 from ..texels.tiles import TILE_SIDE
 from ..util.ablation import uses
+from ..util.arrays import BoolArray, Int64
 from ..util.messages import Status
 from ..util.progress import Say, Watch, stretch, unwatched
 from ..util.threads import run_on_threads
@@ -41,8 +42,6 @@ LOOKING = Status("contacts", "Looking for contacts")
 _IN_TILE = interleave_bits(np.array([TILE_SIDE - 1, 0]), np.array([0, TILE_SIDE - 1]))  # bits of a key: column and row within a tile
 _LEAST_PIECE = 4  # texels; smaller ones, between books or blades of grass, would catch too few photons each for itself
 
-_Int64 = NDArray[np.int64]
-
 
 @dataclass(frozen=True)
 class ContactMap:
@@ -55,10 +54,10 @@ class ContactMap:
     borders   of texels with something between them and the next one
     """
 
-    touched: NDArray[np.bool_]
+    touched: BoolArray
     patches: _Patches
-    piece: _Int64
-    whole: _Int64
+    piece: Int64
+    whole: Int64
     borders: TexelBorders
 
     @classmethod
@@ -89,11 +88,11 @@ class _Patches:
     key     (k,) int64, ascending, of TexelMap.list_keys
     """
 
-    start: _Int64
-    size: _Int64
-    key: _Int64
+    start: Int64
+    size: Int64
+    key: Int64
 
-    def find_beside(self, rows: _Int64, step: tuple[int, int]) -> tuple[_Int64, _Int64]:
+    def find_beside(self, rows: Int64, step: tuple[int, int]) -> tuple[Int64, Int64]:
         """Those of the patches `rows` (m,) that have a texel of their chart so many columns and rows from their first; and its patch.
 
         out   (j,) int64 twice
@@ -102,12 +101,12 @@ class _Patches:
         found = np.flatnonzero(other >= 0)
         return rows[found], other[found]
 
-    def find_entries(self, key: _Int64, step: tuple[int, int]) -> _Int64:
+    def find_entries(self, key: Int64, step: tuple[int, int]) -> Int64:
         """The entries that lie so many columns and rows from those of keys (m,) in their charts, -1 for none."""
         beside, patch = self._find(key, step)
         return np.where(patch >= 0, self.start[patch] + beside - self.key[patch], -1)
 
-    def _find(self, key: _Int64, step: tuple[int, int]) -> tuple[_Int64, _Int64]:
+    def _find(self, key: Int64, step: tuple[int, int]) -> tuple[Int64, Int64]:
         """(m,) twice: the keys of the texels so many columns and rows from those of keys (m,), and the patches that have them, or -1."""
         code = (1 << CHART_SHIFT) - 1
         beside = key & ~code
@@ -116,7 +115,7 @@ class _Patches:
         return beside, np.where((patch >= 0) & (beside < self.key[patch] + self.size[patch]), patch, -1)
 
 
-def _number_on(first: Sequence[int], parts: Sequence[_Int64]) -> _Int64:
+def _number_on(first: Sequence[int], parts: Sequence[Int64]) -> Int64:
     """Numbers of parts, each counted from 0, one part after the other; from `first` of each on."""
     return np.concatenate([low + part for low, part in zip(first, parts, strict=True)])
 
@@ -169,12 +168,12 @@ class _Beside:
     other   (m,) int64: likewise
     """
 
-    way: _Int64
-    here: _Int64
-    other: _Int64
+    way: Int64
+    here: Int64
+    other: Int64
 
     @property
-    def back(self) -> _Int64:
+    def back(self) -> Int64:
         """(m,) int64: the way from the other to the one."""
         return np.take(OPPOSITE, self.way)
 
@@ -213,7 +212,7 @@ def _join_patches(around: Surroundings, probes: Probes, say: Say) -> ContactMap:
     reach = np.where(is_whole[closed.here] & is_whole[closed.other], probes.distance[closed.way, closed.here], np.float32(np.inf))
     borders = TexelBorders.of(len(probes.touched), closed.way, probes.start[closed.here], probes.start[closed.other], reach)
 
-    def find_beside(entry: _Int64, step: tuple[int, int]) -> _Int64:
+    def find_beside(entry: Int64, step: tuple[int, int]) -> Int64:
         beside = patches.find_entries(texels.list_keys(entry), step)
         return np.where((beside >= 0) & is_covered[beside], beside, -1)
 
@@ -221,10 +220,10 @@ def _join_patches(around: Surroundings, probes: Probes, say: Say) -> ContactMap:
     return ContactMap(probes.touched, patches, piece, whole, borders)
 
 
-def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
+def _pair_up(patches: _Patches, say: Say) -> tuple[list[Int64], _Beside]:
     """Pairs (2, m) of patches side by side of which one is a tile, between which nothing stands; and those of two texels."""
     tiles, singles = np.flatnonzero(patches.size > 1), np.flatnonzero(patches.size == 1)
-    joined, beside = [], list[_Int64]()
+    joined, beside = [], list[Int64]()
     for k, step in enumerate(WAYS):
         say(k / len(WAYS))
         rows = singles if k < 2 else singles[patches.key[singles] & _IN_TILE[k - 2] == 0]  # at the edge of where a tile would be
@@ -237,7 +236,7 @@ def _pair_up(patches: _Patches, say: Say) -> tuple[list[_Int64], _Beside]:
     return joined, _Beside(np.repeat([0, 1], [pair.shape[1] for pair in beside]), *np.concatenate(beside, axis=1))
 
 
-def _find_between(around: Surroundings, probes: Probes, pairs: _Beside, is_whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _find_between(around: Surroundings, probes: Probes, pairs: _Beside, is_whole: BoolArray) -> BoolArray:
     """(m,) bool: pairs of texels between which something stands, or a cover ends.
 
     probes      at the patches; what is touched, and how far that is, is looked for anew where a cover ends
@@ -258,7 +257,7 @@ def _find_between(around: Surroundings, probes: Probes, pairs: _Beside, is_whole
 
 def cut_at_contacts(
     texels: TexelMap, atlas: ChartAtlas, found: ContactMap, watch: Watch = unwatched
-) -> tuple[TexelMap, ChartAtlas, NDArray[np.bool_]]:
+) -> tuple[TexelMap, ChartAtlas, BoolArray]:
     """The map and the atlas with all but the largest piece of a chart in charts of their own, after the others; and which entries of
     that map are `touched`. Nothing moves on the pages. The map that was is used up: its arrays are filled anew.
 

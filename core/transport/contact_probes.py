@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.rays import RayScene
 from ..scene.topology import LooseParts
@@ -14,12 +13,10 @@ from ..texels import contact
 from ..texels.split_texels import WAYS
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_CORNERS, TILE_TEXELS, Tiles
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float32, Int64, IntArray
 from ..util.progress import Say
 from .texel_frames import TexelFrames
 from .traced_scene import TracedScene
-
-_Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -33,11 +30,11 @@ class Probes:
     distance   (4, k) float32, texels: to another thing, towards each of WAYS; inf for none
     """
 
-    touched: NDArray[np.bool_]
-    start: _Int64
-    size: _Int64
-    height: NDArray[np.float32]
-    distance: NDArray[np.float32]
+    touched: BoolArray
+    start: Int64
+    size: Int64
+    height: Float32
+    distance: Float32
 
     @classmethod
     def join(cls, parts: Sequence[Probes], say: Say) -> Probes:
@@ -94,7 +91,7 @@ class Surroundings:
         height[single[row]] = above[row]
         return Probes(touched, part.start + start, size, height, distance)
 
-    def _find_clear_tiles(self, part: slice) -> _Int64:
+    def _find_clear_tiles(self, part: slice) -> Int64:
         """(m,) int64: first entries of the tiles within `part` that nothing touches."""
         texels = self.frames.texels
         tiles = Tiles.of(texels.texel_chart[part], texels.texel_code[part]).on_one_triangle(texels.texel_tri[part])
@@ -104,10 +101,9 @@ class Surroundings:
         position, normal, size = self.frames.find_places(corner.ravel())
         n_tile = len(first)
         clear = contact.find_clear_tiles(self.rays, position.reshape(3, n_tile, 3), normal[:n_tile], size[:n_tile])
-        clear_tiles: _Int64 = first[clear]
-        return clear_tiles
+        return first[clear]
 
-    def are_parted(self, one: IntArray, other: IntArray) -> NDArray[np.bool_]:
+    def are_parted(self, one: IntArray, other: IntArray) -> BoolArray:
         """(m,) bool: whether another thing stands between the points of texel entries one (m,) and other (m,)."""
         frames = self.frames
         pairs = np.stack([one, other])
@@ -120,7 +116,7 @@ class Surroundings:
         parted[parted] = self.things.are_apart(met[parted], frames.texels.texel_tri[one[parted]])
         return parted
 
-    def find_ends(self, is_below: NDArray[np.bool_], one: IntArray, other: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def find_ends(self, is_below: BoolArray, one: IntArray, other: IntArray) -> tuple[Float32, Float32]:
         """(m,) twice, texels: distance of the cover's edge from the points of entries one (m,) and other (m,).
 
         is_below   (m,) bool: whether the cover lies on `one`, else on `other`

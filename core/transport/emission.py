@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..lights.emitters import JoinedEmitters
 from ..scene.rays import RayScene
+from ..util.arrays import BoolArray, Float32, Float64, Int32
 from ..util.geometry import gather, locate_hits, offset_origin
 from ..util.sampling import low_discrepancy_points
 from .emission_cells import BirthCells, find_bins
@@ -19,9 +20,8 @@ BATCH = 131_072  # photons in flight; measured with textures and a sky: 16 k is 
 _MOST_SURFACES = 1000  # along one ray; ends a photon that rounding keeps at one surface
 _FARTHEST = np.float32(1e6)  # its square is still finite in float32
 
-Bools: TypeAlias = NDArray[np.bool_]
-Float64: TypeAlias = NDArray[np.float64]
-_Rows = NDArray[np.float32]
+Bools: TypeAlias = BoolArray
+_Rows = Float32
 
 
 @dataclass
@@ -48,7 +48,7 @@ class Photons:
     direction: _Rows
     flux: _Rows
     soft: _Rows | None = None
-    group: NDArray[np.int32] | None = None
+    group: Int32 | None = None
     power: Float64 = field(default_factory=lambda: np.zeros(3))
     stops: Bools | None = None
     sky: Bools | None = None
@@ -65,12 +65,12 @@ class Arrivals:
     direction, flux, group, mirrored   as in Photons
     """
 
-    tri: NDArray[np.int32]
+    tri: Int32
     u: _Rows
     v: _Rows
     direction: _Rows
     flux: _Rows
-    group: NDArray[np.int32] | None
+    group: Int32 | None
     mirrored: Bools | None
 
     def only(self, rows: NDArray[np.intp]) -> Arrivals:

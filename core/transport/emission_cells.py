@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
+from ..util.arrays import Float32, Float64, Int32, Int64
+
+Float32 = Float32
+Float64 = Float64
 
 DIMENSIONS = 4  # random numbers per emitted photon
 SLICE_BITS = 3
@@ -28,7 +29,7 @@ class BirthCells:
     share     (c,) float64     probability, > 0 where natural is
     """
 
-    emitter: NDArray[np.int32]
+    emitter: Int32
     low: Float32
     side: Float32
     natural: Float64
@@ -44,7 +45,7 @@ class BirthCells:
     def __len__(self) -> int:
         return len(self.emitter)
 
-    def count_births(self, number: int, shift: float) -> NDArray[np.int64]:
+    def count_births(self, number: int, shift: float) -> Int64:
         """(c + 1,) int64: index of each cell's first photon among `number` photons in order of cells, and the end of the last.
 
         By systematic sampling each cell gets number * share to within one, and exactly so in the mean over shifts uniform in [0, 1).
@@ -53,7 +54,7 @@ class BirthCells:
         end[np.flatnonzero(self.share)[-1] :] = number  # a sum of shares may round to just below 1
         return np.concatenate([[0], end])
 
-    def place(self, cell: NDArray[np.int64], points: Float32) -> Float32:
+    def place(self, cell: Int64, points: Float32) -> Float32:
         """Random numbers (n, 4) within cells (n,), from points (n, 4) uniform in [0, 1)."""
         numbers = np.empty((DIMENSIONS, len(cell)), np.float32)
         for axis, row in enumerate(numbers):
@@ -63,7 +64,7 @@ class BirthCells:
         return numbers.T
 
 
-def find_bins(cell: NDArray[np.int64], points: Float32) -> NDArray[np.int32]:
+def find_bins(cell: Int64, points: Float32) -> Int32:
     """(n,) int32: bins of photons from cells (n,) and points (n, 4), as for BirthCells.place; the bins of cell c start at c * BINS."""
     bins = cell.astype(np.int32)
     for axis in reversed(range(DIMENSIONS)):
@@ -72,7 +73,6 @@ def find_bins(cell: NDArray[np.int64], points: Float32) -> NDArray[np.int32]:
     return bins
 
 
-def find_slice(bins: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
+def find_slice(bins: Int32, axis: int) -> Int32:
     """(n,) int32: slices of their cells along an axis in which bins (n,) lie."""
-    slices: NDArray[np.int32] = bins >> SLICE_BITS * axis & SLICES - 1
-    return slices
+    return bins >> SLICE_BITS * axis & SLICES - 1

@@ -17,12 +17,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..util.arrays import Float64
 from .emission_cells import BINS, DIMENSIONS, SLICES, BirthCells, find_slice
 from .photon_log import Groups
 
-Float64 = NDArray[np.float64]
+Float64 = Float64
 
 # Share of photons emitted without guiding: they sample what earlier rounds missed, and bound the variance at twice the unguided one. All
 # rounds have equal weight; the bound would not hold if better guided rounds had more.
@@ -170,8 +170,7 @@ class EmissionGuide:
 
 def _add_up(sums: Float64) -> Float64:
     """(c,) float64: totals of cells from sums (c, 4, SLICES), which add up to the same along every axis."""
-    total: Float64 = sums[:, 0].sum(1)
-    return total
+    return sums[:, 0].sum(1)
 
 
 def _stretch_slices() -> Float64:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..util.arrays import Float64
 from .photon_log import ENERGY_NAMES, Counters, EnergyAudit
 
 
@@ -19,7 +19,7 @@ class Ledger:
     gathered   number of gather rays, also of those whose light is not shown
     """
 
-    energy_w: dict[str, NDArray[np.float64]] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
+    energy_w: dict[str, Float64] = field(default_factory=lambda: {name: np.zeros(3) for name in ENERGY_NAMES})
     photons: int = 0
     rays: int = 0
     deposits: int = 0
@@ -38,10 +38,9 @@ class Ledger:
         emitted, left = self.energy_w["emitted"], self.energy_w["remainder"]
         return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
-    def photon_w(self) -> NDArray[np.float64]:
+    def photon_w(self) -> Float64:
         """(3,), W: power of one photon at emission if all photons carried equal shares."""
-        photon_w: NDArray[np.float64] = self.energy_w["emitted"] / max(self.photons, 1) ** 2
-        return photon_w
+        return self.energy_w["emitted"] / max(self.photons, 1) ** 2
 
     def audit_w(self) -> dict[str, list[float]]:
         """The energy audit, W, by ENERGY_NAMES: emitted = absorbed + escaped + remainder."""

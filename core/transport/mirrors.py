@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.glass import Glass
 from ..scene.gloss import Gloss
 from ..scene.materials import SurfaceMaterials
 from ..scene.normal_maps import NormalMaps
-from ..util.arrays import IntArray
+from ..util.arrays import Float32, Int32, IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .emission import Arrivals, Photons
 from .passing import Passing
@@ -19,7 +18,7 @@ from .passing import Passing
 _TINY = np.finfo(np.float32).tiny
 _LEAST_COSINE = 0.01  # the bound of Veach's weight in photons.py
 _LIFT = np.float32(0.01)
-_Rows = NDArray[np.float32]
+_Rows = Float32
 
 
 class GlossyScene(Protocol):
@@ -36,7 +35,7 @@ class GlossyScene(Protocol):
     @property
     def tri_frame(self) -> _Rows: ...
     @property
-    def tri_smooth(self) -> NDArray[np.int32]: ...
+    def tri_smooth(self) -> Int32: ...
     @property
     def smooth_frame(self) -> _Rows: ...
     @property
@@ -49,7 +48,7 @@ def reflect_photons(
     scene: GlossyScene,
     arrived: Arrivals,
     tri: IntArray,
-    group: NDArray[np.int32] | None,
+    group: Int32 | None,
     cosine: _Rows,
     is_first: bool,
     copies: int,
@@ -95,14 +94,7 @@ def reflect_photons(
 
 
 def send_on(
-    scene: GlossyScene,
-    arrived: Arrivals,
-    group: NDArray[np.int32] | None,
-    is_first: bool,
-    row: IntArray,
-    origin: _Rows,
-    direction: _Rows,
-    flux: _Rows,
+    scene: GlossyScene, arrived: Arrivals, group: Int32 | None, is_first: bool, row: IntArray, origin: _Rows, direction: _Rows, flux: _Rows
 ) -> Photons:
     """The photons `arrived` in rows (k,) after a specular event, with new origins, directions and flux, each (3, k).
 
@@ -163,8 +155,7 @@ def _weigh_shading(arrived: _Rows, turned: _Rows, face: _Rows, normal: _Rows) ->
 
 
 def _dot(a: _Rows, b: _Rows) -> _Rows:
-    product: _Rows = np.einsum("kn,kn->n", a, b)
-    return product
+    return np.einsum("kn,kn->n", a, b)
 
 
 def _smooth(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..lights.light_links import LightLinks
 from ..scene.materials import SurfaceMaterials
 from ..scene.scene import DIFFUSE, GLOSSY, RAY_KINDS, SHADOW, TRANSMISSION
 from ..scene.shadow_rays import leave_through
-from ..util.arrays import IntArray
+from ..util.arrays import BoolArray, Float32, IntArray
 from ..util.geometry import gather, locate_hits
 from .emission import Photons
 
 _TINY = np.finfo(np.float32).tiny
-_Rows = NDArray[np.float32]
+_Rows = Float32
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Passing:
     """
 
     surfaces: SurfaceMaterials
-    tri_passes: NDArray[np.bool_]
+    tri_passes: BoolArray
     tri_frame: _Rows
     tri_normal: _Rows
 
@@ -68,8 +67,7 @@ class Passing:
         that does not let other rays pass straight on.
         """
         shadow, other = (1 - self.surfaces.passing_at(tri, u, v, kind, direction).T for kind in (SHADOW, TRANSMISSION))
-        left: _Rows = np.minimum(shadow / np.maximum(other, _TINY), 1)
-        return left
+        return np.minimum(shadow / np.maximum(other, _TINY), 1)
 
     def go_on(
         self,
@@ -80,7 +78,7 @@ class Passing:
         v: _Rows,
         distance: _Rows,
         is_first: bool,
-        is_open: NDArray[np.bool_] | None,
+        is_open: BoolArray | None,
         rng: np.random.Generator,
     ) -> Photons | None:
         """Photons that pass, by Russian roulette; None if none does.
@@ -139,7 +137,7 @@ class Passing:
         seen = None if seen is None else gather(seen, on)
         return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link, seen)
 
-    def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: NDArray[np.bool_], direction: _Rows) -> _Rows:
+    def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: BoolArray, direction: _Rows) -> _Rows:
         """(k, 3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light, in directions (3, n); for k
         kinds of rays, one where all are alike.
         """

@@ -8,8 +8,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-_Rows = NDArray[np.float32]
-_Ints = NDArray[np.int32]
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
+
+_Rows = Float32
+_Ints = Int32
 
 
 ENERGY_NAMES = ("emitted", "absorbed", "escaped", "remainder", "passed", "mirrored", "refracted")
@@ -25,13 +27,13 @@ class EnergyAudit:
     for each surface that it lights.
     """
 
-    emitted: NDArray[np.float64]
-    absorbed: NDArray[np.float64]
-    escaped: NDArray[np.float64]
-    remainder: NDArray[np.float64]
-    passed: NDArray[np.float64]
-    mirrored: NDArray[np.float64]
-    refracted: NDArray[np.float64]
+    emitted: Float64
+    absorbed: Float64
+    escaped: Float64
+    remainder: Float64
+    passed: Float64
+    mirrored: Float64
+    refracted: Float64
 
     @classmethod
     def join(cls, parts: Sequence[EnergyAudit]) -> EnergyAudit:
@@ -61,7 +63,7 @@ class Groups:
     """
 
     place: _Ints
-    rays: NDArray[np.int64]
+    rays: Int64
     owner: _Ints
 
 
@@ -79,8 +81,8 @@ class SideHits:
     tri: _Ints
     u: _Rows
     v: _Rows
-    is_front: NDArray[np.bool_]
-    straight: NDArray[np.bool_]
+    is_front: BoolArray
+    straight: BoolArray
     flux_rgb: _Rows
 
 
@@ -100,7 +102,7 @@ class ShardHits:
     u: _Rows
     v: _Rows
     flux_rgb: _Rows
-    is_first: NDArray[np.bool_]
+    is_first: BoolArray
     audit: EnergyAudit
     counters: Counters
     groups: Groups | None
@@ -134,7 +136,7 @@ class PhotonLog:
             (len(ENERGY_NAMES), 3)
         )
         self.photons = self.rays = self.n_hit = 0
-        self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, NDArray[np.bool_]]] = []  # tri, u, v, flux, is_first
+        self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, BoolArray]] = []  # tri, u, v, flux, is_first
         self._place: list[_Ints] = []
         self._under_way: list[_Ints] = []  # group of each ray
         self._owner: list[_Ints] = []
@@ -153,7 +155,7 @@ class PhotonLog:
         if group is not None:
             self._under_way.append(group)
 
-    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: NDArray[np.bool_], group: _Ints | None) -> None:
+    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: BoolArray, group: _Ints | None) -> None:
         """Arguments are as in ShardHits; group (m,) int32, None without groups."""
         self._pieces.append((tri, u, v, flux, is_first))
         self.n_hit += len(tri)

@@ -28,6 +28,7 @@ from ..scene.rays import RayScene
 from ..scene.scene import DIFFUSE, GLOSSY, MAX_ALBEDO, SceneSnapshot
 from ..scene.shadow_rays import MOST_LAYERS, ShadowRays, collapse
 from ..util.ablation import uses
+from ..util.arrays import BoolArray, Float32, Float64, Int32
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
 from .emission import BATCH, Arrivals, Photons, emit_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
@@ -48,8 +49,8 @@ MOST_HITS = 1 << 23
 _TINY = np.finfo(np.float32).tiny
 _GREATEST_POWER_W = 1e30  # leaves float32 room for photons brighter than the mean
 
-_Rows = NDArray[np.float32]
-_Ints = NDArray[np.int32]
+_Rows = Float32
+_Ints = Int32
 
 
 @dataclass(frozen=True)
@@ -79,13 +80,13 @@ class TraceScene:
     gloss: Gloss | None
     glass: Glass | None
     emitters: JoinedEmitters
-    emitter_share: NDArray[np.float64]
+    emitter_share: Float64
     surfaces: SurfaceMaterials
-    tri_normal: NDArray[np.float32]
-    tri_frame: NDArray[np.float32]
-    tri_lit_below: NDArray[np.float32]
-    tri_smooth: NDArray[np.int32]
-    smooth_frame: NDArray[np.float32]
+    tri_normal: Float32
+    tri_frame: Float32
+    tri_lit_below: Float32
+    tri_smooth: Int32
+    smooth_frame: Float32
     maps: NormalMaps | None = None
     links: LightLinks | None = None
     coincident: CoincidentFaces | None = None
@@ -180,12 +181,7 @@ def _count_parts(splits: bool) -> int:
 
 
 def _bounce(
-    scene: TraceScene,
-    photons: Photons,
-    rng: np.random.Generator,
-    depths: range,
-    skip_first: bool,
-    log: PhotonLog,
+    scene: TraceScene, photons: Photons, rng: np.random.Generator, depths: range, skip_first: bool, log: PhotonLog
 ) -> Photons | None:
     """The photons after a reflection at each of the depths; None when none is left."""
     for depth in depths:
@@ -358,17 +354,15 @@ def _emit(
         yield photons
 
 
-def _total(flux: _Rows) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = np.add.reduce(flux, 1).astype(np.float64)  # numpy sums pairwise: as exact as the float32 flux
-    return total
+def _total(flux: _Rows) -> Float64:
+    return np.add.reduce(flux, 1).astype(np.float64)  # numpy sums pairwise: as exact as the float32 flux
 
 
-def _dot(a: _Rows, b: _Rows) -> NDArray[np.float32]:
-    product: NDArray[np.float32] = np.einsum("kn,kn->n", a, b)
-    return product
+def _dot(a: _Rows, b: _Rows) -> Float32:
+    return np.einsum("kn,kn->n", a, b)
 
 
-def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], cosine: _Rows) -> NDArray[np.float32] | None:
+def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], cosine: _Rows) -> Float32 | None:
     """(n,): factors of normal maps on the arriving light; None if no surface has a map."""
     if scene.maps is None:
         return None
@@ -379,7 +373,7 @@ def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], 
     return worth
 
 
-def _find_lit_behind(scene: TraceScene, arrived: Arrivals, cosine: _Rows, sky: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+def _find_lit_behind(scene: TraceScene, arrived: Arrivals, cosine: _Rows, sky: BoolArray | None) -> BoolArray:
     """(n,): photons straight from lamps that meet the backs of one-sided faces whose corners' normals face the lamp, see Receivers.see.
 
     cosine   (n,) float32: of their directions with the geometric normal
@@ -400,13 +394,7 @@ def _find_lit_behind(scene: TraceScene, arrived: Arrivals, cosine: _Rows, sky: N
 
 
 def _deposit(
-    scene: TraceScene,
-    arrived: Arrivals,
-    cosine: _Rows,
-    lit: NDArray[np.bool_],
-    is_first: NDArray[np.bool_],
-    received: NDArray[np.float32] | None,
-    log: PhotonLog,
+    scene: TraceScene, arrived: Arrivals, cosine: _Rows, lit: BoolArray, is_first: BoolArray, received: Float32 | None, log: PhotonLog
 ) -> None:
     """Log the photons that are lit, (n,) bool.
 
@@ -463,7 +451,7 @@ def _play_roulette(
     return alive, count, gather(reflected, alive) / gather(chance, alive)
 
 
-def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: np.random.Generator) -> NDArray[np.bool_]:
+def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: np.random.Generator) -> BoolArray:
     """(n,): photons that leave on the other side of their surface, by chance; changes origin, normal and flux in place.
 
     share   (3, n) float32: share of the leaving light that leaves there
@@ -471,7 +459,7 @@ def _choose_side(origin: _Rows, normal: _Rows, flux: _Rows, share: _Rows, rng: n
     there, here = flux * share, flux * np.maximum(1 - share, 0)
     most_there, most_here = there.max(axis=0), here.max(axis=0)
     chance = most_there / np.maximum(most_there + most_here, _TINY)
-    crossed: NDArray[np.bool_] = chance > rng.random(len(chance), dtype=np.float32)
+    crossed: BoolArray = chance > rng.random(len(chance), dtype=np.float32)
     flux[:] = np.where(crossed, there, here) / np.where(crossed, chance, 1 - chance)
     place = crossed.nonzero()[0]
     normal[:, place] *= -1

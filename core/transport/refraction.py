@@ -7,26 +7,25 @@ Photons follow the adjoint of Cycles' rays: Cycles leaves the radiance of a refr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..scene.glass import Bent, Glass
 from ..scene.scene import GLOSSY, TRANSMISSION
-from ..util.arrays import Float64, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, Int32, IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .emission import Arrivals, Photons
 from .mirrors import GlossyScene, send_on, shade
 
-_Rows = NDArray[np.float32]
+_Rows = Float32
 
 
 def bend_photons(
     scene: GlossyScene,
     arrived: Arrivals,
     tri: IntArray,
-    group: NDArray[np.int32] | None,
+    group: Int32 | None,
     cosine: _Rows,
     is_first: bool,
-    from_lamp: NDArray[np.bool_] | None,
+    from_lamp: BoolArray | None,
     seen: _Rows | None,
     copies: int,
     rng: np.random.Generator,

@@ -48,18 +48,11 @@ def grow_photons(noise2: float, wanted2: float, degree: int | None) -> float:
     degree   of the basis; None if the trees are fixed, so that noise falls as 1 / N
     """
     power = 1.0 if degree is None else (degree + 2) / (degree + 1)
-    growth: float = (noise2 / wanted2) ** power
-    return growth
+    return (noise2 / wanted2) ** power
 
 
 def next_photons(
-    so_far: int,
-    most: int,
-    n_node: int,
-    wanted_error: float,
-    error: float,
-    fixed_error: float,
-    degree: int | None,
+    so_far: int, most: int, n_node: int, wanted_error: float, error: float, fixed_error: float, degree: int | None
 ) -> tuple[int, bool]:
     """Photons of the next round: the predicted need of the requested error, up to the limits of a round. Also whether no further round is
     expected.

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..texels.contact import texel_axes
 from ..texels.texel_map import TexelMap
-from ..util.arrays import Float64, Int32, IntArray
+from ..util.arrays import Float32, Float64, Int32, IntArray
 from ..util.geometry import UnitBox, gather
 from .traced_scene import TracedScene
 
@@ -29,9 +28,9 @@ class TexelFrames:
     unit_box: UnitBox
     row: Int32
     corner: Float64
-    normal: NDArray[np.float32]
+    normal: Float32
     side: Float64
-    axes: NDArray[np.float32]
+    axes: Float32
 
     @classmethod
     def of(cls, opened: TracedScene, texels: TexelMap) -> TexelFrames:
@@ -49,7 +48,7 @@ class TexelFrames:
             np.ascontiguousarray(texel_axes(corner, texels.tri_uv[tri], normal.T).transpose(0, 2, 1)),
         )
 
-    def find_places(self, entry: IntArray) -> tuple[NDArray[np.float32], NDArray[np.float32], Float64]:
+    def find_places(self, entry: IntArray) -> tuple[Float32, Float32, Float64]:
         """Positions (m, 3) and sides (m,), unit box, and normals (m, 3) between them, at texel entries (m,)."""
         row = self._rows(entry)
         weight = self.texels.bary_at(entry).T
@@ -59,7 +58,7 @@ class TexelFrames:
         position_m += weight[2] * corner[2]
         return self.unit_box.to_unit(position_m.T), gather(self.normal, row).T, gather(self.side, row)
 
-    def find_axes(self, entry: IntArray) -> NDArray[np.float32]:
+    def find_axes(self, entry: IntArray) -> Float32:
         """(2, m, 3) float32, unit: axes of texel entries (m,)."""
         return gather(self.axes, self._rows(entry)).transpose(0, 2, 1)
 

@@ -1,7 +1,5 @@
 """The arithmetic of the ablation: what bakes without a mechanism cost and err, beside bakes with everything, and whether that is chance."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Iterable, Sequence

@@ -7,8 +7,6 @@ core/util/ablation.py, or each group of them joined by "+", with the first seed.
 bench_zoo.py. Costs are CPU seconds: a busy machine will do. Without seeds the date decides which scenes are drawn.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math

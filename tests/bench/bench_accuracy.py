@@ -8,8 +8,6 @@ sample has a closed form, that is the truth: Cycles' noise is the larger there.
 Exits with 1 when a claim fails.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -3,8 +3,6 @@
 python tests/bench/bench_claims.py [--docs]     some minutes on two cores; --docs needs matplotlib
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

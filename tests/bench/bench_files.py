@@ -6,8 +6,6 @@ Of each file the larger visible meshes with a diffuse surface are unwrapped and 
 References are kept in the cache folder.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 python bench_matter.py [--samples N] [--size N] [--docs] [NAME ...]
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

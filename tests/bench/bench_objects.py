@@ -5,8 +5,6 @@ python tests/bench/bench_objects.py [NAME ...] [--docs]     some ten minutes on 
 Exits with 1 when a claim fails.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

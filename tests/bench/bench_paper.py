@@ -3,8 +3,6 @@
 python tests/bench/bench_paper.py [--docs]     about seven minutes on two cores; needs pip's bpy for the export, and matplotlib
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

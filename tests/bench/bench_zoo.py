@@ -7,8 +7,6 @@ Without seeds the date decides which are drawn. References are made by Cycles as
 the cache needs none again. Times count on an idle machine only; CPU seconds and errors do on any.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import datetime

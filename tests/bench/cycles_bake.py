@@ -6,8 +6,6 @@ no triangle covers is not baked. So where light has an edge, or a chart its bord
 the texel.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

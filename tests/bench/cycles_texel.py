@@ -3,8 +3,6 @@
 python tests/bench/cycles_texel.py     a few seconds; needs pip's bpy
 """
 
-from __future__ import annotations
-
 import sys
 
 import bpy

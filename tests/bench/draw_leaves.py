@@ -1,7 +1,5 @@
 """Pictures of baked light with its leaves: charts as they lie on the page, and views through a camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

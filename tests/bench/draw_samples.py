@@ -3,8 +3,6 @@
 python tests/bench/draw_samples.py [NAME ...]     needs pip's bpy, whose Cycles draws the views; about a minute for all
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

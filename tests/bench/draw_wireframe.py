@@ -5,8 +5,6 @@ All of the light is by photons here, as in the paper: by default the leaves carr
 PYTHONPATH=tests python tests/bench/draw_wireframe.py     needs pip's bpy; a few minutes
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

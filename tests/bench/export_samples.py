@@ -3,8 +3,6 @@
 python tests/bench/export_samples.py FOLDER NAME[:OBJECT,...] ...     writes FOLDER/NAME.npz and FOLDER/NAME.camera.json
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Small scenes of one kind of sky, lamp, geometry or texture each, as of matter_scenes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

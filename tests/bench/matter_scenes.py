@@ -1,7 +1,5 @@
 """Small scenes of one kind of matter each: a floor with a layer UVMap, and what lights it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

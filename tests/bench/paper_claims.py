@@ -1,7 +1,5 @@
 """What the tables of docs/paper.md claim: of [Tobler97], of the hints, and of the defaults that were chosen from them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 

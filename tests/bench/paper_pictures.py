@@ -1,7 +1,5 @@
 """The pictures of docs/paper.md."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import draw_leaves

@@ -1,7 +1,5 @@
 """Where the error of the hierarchy comes from: light that its leaves cannot hold, noise, and what the best leaves would leave of both."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The numbers of docs/paper.md: tables of bakes with one knob turned, against a long run of the same photons on the fixed mesh."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 python tests/bench/print_claims.py [--docs]     --docs puts it into docs/accuracy.md
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small scenes in which things are seen by some kinds of rays alone: ray visibility, Light Path nodes, light linking."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Light of the samples that have a closed form, at the texels of a page: what bakes that err less than Cycles are held against."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N
 Objects that get a lightmap have the property `zoo_bake`; the scene has `zoo`, a JSON of what a benchmark has to know (see read_subject).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -1,7 +1,5 @@
 """Error over time: how long each way of baking takes to come to an error, and by what factor they differ."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """One figure each of how the bake's time grows, and of what it is spent on."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -3,8 +3,6 @@
 python tests/bench/speed_rivals.py FOLDER     the Cycles part, in a process of its own; the folder holds what is asked for
 """
 
-from __future__ import annotations
-
 import json
 import statistics
 import subprocess

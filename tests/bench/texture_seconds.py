@@ -7,8 +7,6 @@ isal (0.029) and zlib-ng (0.039) inflate faster, but read no PNG, and most filte
 so numpy cannot undo them by whole rows. So OpenImageIO, which Blender has, reads them.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

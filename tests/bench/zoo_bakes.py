@@ -1,7 +1,5 @@
 """Scenes for the zoo's benchmark, kept in a cache folder, and bakes of them: Leaflight's, Cycles', and Cycles' after OIDN's filter."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -5,8 +5,6 @@ python tests/bench/zoo_files.py SCENE.blend FOLDER SIZE     what zoo_bakes.find_
 Chosen are visible meshes with a diffuse surface, the 60 of the greatest area; all other objects cast light and shadow.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 The numbers come from Python's own generator, by `random()` alone, whose sequence is the same in every version.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The arithmetic of the zoo's benchmark: from bakes to times, ratios, stated over real errors, and tables."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Iterable, Sequence

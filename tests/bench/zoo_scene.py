@@ -1,7 +1,5 @@
 """What a scene of the zoo is: paints, things, lamps, and the plan of the whole. No bpy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from zoo_shapes import Part, Place, Vec, count_triangles

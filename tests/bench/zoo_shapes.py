@@ -1,7 +1,5 @@
 """The shapes of the zoo, each from a few numbers, with its count of triangles known before it is built. No bpy."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """More rays go from texels where one of them takes more off the squared error than a photon's ray does."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

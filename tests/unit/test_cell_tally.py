@@ -1,7 +1,5 @@
 """Cells on sides without a lightmap: they tile each triangle evenly, and hold the irradiance of the photons that fall on them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from leaflight.core.radiosity.cell_tally import CellFlux, CellTally

@@ -1,7 +1,5 @@
 """Shards on a cluster: a scheduler and workers as processes on loopback give the bytes that one process gives."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

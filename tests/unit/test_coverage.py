@@ -1,7 +1,5 @@
 """Clipping and moments against polygons whose answer is known."""
 
-from __future__ import annotations
-
 from math import factorial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Direct irradiance of a floor: closed forms, shadows with a known outline, photons as a second opinion, honest errors."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

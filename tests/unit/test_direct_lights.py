@@ -1,7 +1,5 @@
 """Every source: its rays, weighted by their shares, sum up to its closed form; and it agrees with photon birth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Where rays start and aim: strata, receivers off their surface, and what a receiver sees."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

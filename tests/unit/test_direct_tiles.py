@@ -1,7 +1,5 @@
 """First looks that texels of a tile share: found where tiles are whole, right where they are believed, blind to no shadow of a texel."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Light of many emitting triangles: the same as from each by itself, with honest errors."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

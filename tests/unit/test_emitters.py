@@ -1,7 +1,5 @@
 """Emitting meshes and the world: powers, statistics of births, and what is left out with a sentence."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

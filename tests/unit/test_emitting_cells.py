@@ -1,7 +1,5 @@
 """Cells of textured emitters: small where the texture is uneven."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An environment map: sampled as its pdf says, and the light of known skies by shadow rays and by photons."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

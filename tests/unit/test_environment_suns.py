@@ -1,7 +1,5 @@
 """Suns taken out of environment maps: where they were, as bright, as large; and what is no sun stays."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

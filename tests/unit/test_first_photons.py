@@ -1,7 +1,5 @@
 """Photons that are traced before there are texels are those that the first round would trace itself."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Light from surfaces to a floor: what rays meet and how bright it is, closed forms, and what is told apart."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gathered light in a bake: what it takes the place of, what it leaves to the leaves, and that workers change nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

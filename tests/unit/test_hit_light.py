@@ -1,7 +1,5 @@
 """Direct light by one ray from a point to a light of each kind, beside what texels find by many."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Image files written and read back, and what is left behind when writing fails."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Closed forms of irradiance against sums over the lights, and limits known by thought."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The child process that bakes: what it says, how it is ended, and that nobody stays behind."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Many lamps of all kinds: the same light as from each by itself, with honest errors, and none that is never looked at."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lamps whose intensity differs by direction: closed forms, and photons beside shadow rays."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Photons of lamps that some rays do not see, or that are linked to objects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

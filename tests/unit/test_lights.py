@@ -1,7 +1,5 @@
 """Photon birth of every light kind: powers by thought, and irradiance counted on patches against closed forms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

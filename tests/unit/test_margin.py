@@ -1,7 +1,5 @@
 """Margins on pages small enough to know every texel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from leaflight.core.texels.margin import add_margin, fill_margin

@@ -1,7 +1,5 @@
 """Mean irradiance of texels whose light is nearer than they are wide: the solid angle they fill, and sums over fine strata."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

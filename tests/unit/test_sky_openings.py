@@ -1,7 +1,5 @@
 """The sky through openings: right on average, of less noise than plain rays, and left alone where these will do."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

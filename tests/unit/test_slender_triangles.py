@@ -1,7 +1,5 @@
 """Slender triangles in parts: the same triangles, in parts that are not slender."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from leaflight.core.scene.slender_triangles import cut_slender

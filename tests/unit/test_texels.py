@@ -1,7 +1,5 @@
 """Texel areas, moments and lookups against supersampling, totals and hand-made charts."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
