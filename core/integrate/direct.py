@@ -169,7 +169,6 @@ def direct_irradiance(
     texel: IntArray,
     rng: np.random.Generator,
     tolerance: float = 0.01,
-    max_rays: int = STAGES[-1][1],
     tiles: Tiles | None = None,
     crossed: NDArray[np.bool_] | None = None,
     beside: NDArray[np.float32] | None = None,
@@ -180,7 +179,6 @@ def direct_irradiance(
     footprints_at   TexelMap.footprints_at, or a function like it
     texel           (n,) int: arguments of footprints_at; neighbours in space should be neighbours here (Morton order)
     tolerance       standard error, relative to the texel's light, at which a light gets no more rays
-    max_rays        per texel and light: 4, 16 or 64
     tiles           tiles of the texels, which then share their first samples of lights
     crossed         (n,) bool: texels whose footprint reaches past the foot of an object on them, and so differs from their neighbours'
     beside          (n,) float32, W/m^2: other light of the texels, from ReferenceLevel; None for none
@@ -199,7 +197,7 @@ def direct_irradiance(
             alone = crossed[rows]
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             smooth = whole.without(chunk.have_bumps(np.arange(len(chunk))))
-            demand = Demand(tolerance, max_rays, smooth.on_one_triangle(chunk.tri), alone, dark)
+            demand = Demand(tolerance, smooth.on_one_triangle(chunk.tri), alone, dark)
             sampler = _ChunkSampler(scene, chunk, demand, beside[rows], rng)
             value, error = sampler.find_light()
             into = as_slice(rows)
@@ -314,7 +312,7 @@ class _ChunkSampler:
     def _settle(self, level: Float64) -> None:
         """Trace more rays where the standard error exceeds the tolerance relative to a level of light (n,), W/m^2."""
         allowed = [self._demand.tolerance * level[tally.rows] / weigh_channels(tally.rgb) for tally in self._tallies]
-        for stage in self._demand.spans(STAGES[1:]):
+        for stage in STAGES[1:]:
             unsettled = [tally.unsettled(limit, stage) for tally, limit in zip(self._tallies, allowed, strict=True)]
             for tally, rows in zip(self._tallies, unsettled, strict=True):
                 if stage == STAGES[1]:

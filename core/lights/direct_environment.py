@@ -93,15 +93,14 @@ class EnvironmentLight:
 
         mean, square = self._foresee()
         open_ = np.setdiff1d(self.rows, self.few, assume_unique=True)
-        total, variance, n_ray = sample_adaptively(gather, open_, demand, base_rgb, STAGES, gain=gain)
+        total, variance, n_ray = sample_adaptively(gather, open_, demand, base_rgb, gain=gain)
         if len(self.few):
             own, foreseen = block[self.few], np.zeros((2, len(chunk)))
             foreseen[:, self.few] = mean[own], square[own]
             base_rgb = base_rgb + np.maximum(demand.dark - weigh_channels(base_rgb) - foreseen[0], 0.0)[:, None]
             demand = replace(demand, tolerance=_NOISIER * demand.tolerance)
-            by_few, error, traced = sample_adaptively(
-                gather, self.few, demand, base_rgb, STAGES, foreseen=(foreseen[0], foreseen[1]), gain=gain
-            )
+            expected = foreseen[0], foreseen[1]
+            by_few, error, traced = sample_adaptively(gather, self.few, demand, base_rgb, foreseen=expected, gain=gain)
             for channel, colour in zip(error.T, self._tint(), strict=True):
                 of_block = _LEAST_VARIANCE * np.bincount(own, channel[self.few]) / np.maximum(np.bincount(own), 1)
                 of_ray = _LEAST_FORESEEN * colour**2 * square / STAGES[-1][1]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self, cast
 
 import numpy as np
@@ -44,6 +44,7 @@ class Aim:
     of_sky: bool = False
 
 
+@dataclass(frozen=True)
 class Source(ABC):
     """Lights of one kind; one of them may shine at many receivers, more need a row for each receiver.
 
@@ -54,7 +55,7 @@ class Source(ABC):
 
     rgb: Float64
     casts_shadow: bool
-    is_sharp: bool
+    is_sharp: bool = field(default=False, kw_only=True)
 
     def rows(self, index: IntArray) -> Self:
         """The lights with these numbers, in their order."""
@@ -94,15 +95,12 @@ class PointSource(Source):
     radius        (m,) float32, unit box      0 exactly where is_sharp
     """
 
-    rgb: Float64
-    casts_shadow: bool
     centre: Float32
     axis: Float32
     drop: Float32
     blend: Float32
     radius: Float32
     soft: bool
-    is_sharp: bool
     is_spot: bool
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
@@ -182,8 +180,6 @@ class AreaSource(Source):
     spread_rad         (m,) float32
     """
 
-    rgb: Float64
-    casts_shadow: bool
     centre: Float32
     x_axis: Float32
     y_axis: Float32
@@ -192,7 +188,6 @@ class AreaSource(Source):
     spread_rad: Float32
     ellipse: bool
     is_lambertian: bool
-    is_sharp: bool = False
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         x, y = self.x_axis.astype(np.float64), self.y_axis.astype(np.float64)
@@ -223,13 +218,10 @@ class SunSource(Source):
     half_angle_rad           (m,) float32
     """
 
-    rgb: Float64
-    casts_shadow: bool
     x_axis: Float32
     y_axis: Float32
     z_axis: Float32
     half_angle_rad: Float32
-    is_sharp: bool
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return sun_irradiance(dot_rows(normal, self.z_axis), self.half_angle_rad)
@@ -250,13 +242,10 @@ class TriangleSource(Source):
     normal    (m, 3) float32, unit
     """
 
-    rgb: Float64
-    casts_shadow: bool
     corners: Float32
     normal: Float32
     area: Float32
     front_only: BoolArray
-    is_sharp: bool = False
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         behind = self.front_only & (dot_rows(position - self.corners[:, 0], self.normal) < 0)
@@ -274,9 +263,7 @@ class TriangleSource(Source):
 class WorldSource(Source):
     """Uniform radiance rgb from everywhere."""
 
-    rgb: Float64
     casts_shadow: bool = True
-    is_sharp: bool = False
 
     def irradiance(self, position: Float32, normal: Float32) -> Float64:
         return np.full(len(position), math.pi)
@@ -325,7 +312,7 @@ def join_sources(sources: Sequence[Source]) -> list[tuple[Source, Int64]]:
 def _make_sun(light: Light, power: Float64) -> SunSource:
     x_axis, y_axis, z_axis = np.array(light.rotation, np.float32)[:, None]
     half_angle = min(max(light.angle_rad, 0.0), math.pi) / 2
-    return SunSource(power[None], light.casts_shadow, x_axis, y_axis, z_axis, _one(half_angle), half_angle == 0)
+    return SunSource(power[None], light.casts_shadow, x_axis, y_axis, z_axis, _one(half_angle), is_sharp=half_angle == 0)
 
 
 def _make_lamp(light: Light, power: Float64, unit_box: UnitBox, profiles: Sequence[Float32]) -> Source:

@@ -74,16 +74,12 @@ class MeshEmitter(Emitter):
     tri_normal   (3, n_tri) float32, unit
     """
 
-    name: str
-    power_rgb: Float64
     cells: EmittingCells
     sides: NDArray[np.int8]
     table: AliasTable
     tri_frame: Float32
     tri_normal: Float32
     surfaces: SurfaceMaterials
-    casts_shadow: bool = True
-    link: int = -1
 
     @cached_property
     def _is_uniform(self) -> bool:
@@ -116,10 +112,7 @@ class MeshEmitter(Emitter):
 class WorldEmitter(Emitter):
     """Uniform radiance from everywhere: every face of the scene's box is a Lambertian source that emits inwards."""
 
-    name: str
-    power_rgb: Float64
     cover: SceneCover
-    casts_shadow: bool = True
 
     def emit(self, u: Float32) -> EmittedPhotons:
         across, rest = self.cover.choose_faces(u[:, 0], self.cover.face_area[None])

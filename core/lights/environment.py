@@ -50,12 +50,9 @@ class EnvironmentEmitter(Emitter):
     cell_share    (h * w, 3) float32: power of a cell over its probability and over power_rgb, for an outline of 1
     """
 
-    name: str
-    power_rgb: Float64
     table: CellTable
     cell_share: Float32
     cover: SceneCover
-    casts_shadow: bool = True
 
     @classmethod
     def of(cls, name: str, environment: Environment, cover: SceneCover, per_area: float) -> EnvironmentEmitter:

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -43,16 +44,19 @@ class EmittedPhotons:
     soft_offset: Float32
 
 
+@dataclass(frozen=True)
 class Emitter(ABC):
     """Anything that emits photons.
 
     power_rgb      (3,) float64, W, emitted into the scene
     casts_shadow   if False, its light reaches every surface along a ray, also those behind others
+    link           row of LightLinks, -1 for none
     """
 
     name: str
     power_rgb: Float64
-    casts_shadow: bool
+    casts_shadow: bool = field(default=True, kw_only=True)
+    link: int = field(default=-1, kw_only=True)
 
     @abstractmethod
     def emit(self, u: Float32) -> EmittedPhotons:
@@ -136,17 +140,13 @@ class PointEmitter(Emitter):
     Source: Cycles, kernel/light/point.h and spot.h; radiance power / (4 pi^2 r^2).
     """
 
-    name: str
-    power_rgb: Float64
     centre: Float32
     axes: Float32
     drop: Float64
     blend: Float64
     radius: Float32
     soft: bool
-    casts_shadow: bool
     crowded: bool = False
-    link: int = -1
 
     def choose_direction(self, u: Float32) -> Float32:
         """(n, 3), unit, for numbers (n, 2)."""
@@ -203,15 +203,11 @@ class AreaEmitter(Emitter):
     Source: Cycles, kernel/light/area.h; radiance power / (pi area), area_light_spread_attenuation.
     """
 
-    name: str
-    power_rgb: Float64
     centre: Float32
     axes: Float32
     half_size: Float32
     ellipse: bool
     spread_rad: float
-    casts_shadow: bool
-    link: int = -1
 
     def emit(self, u: Float32) -> EmittedPhotons:
         place = (square_to_uniform_disk(u[:, :2]) if self.ellipse else 2 * u[:, :2] - 1) * self.half_size.T
@@ -257,14 +253,10 @@ class SunEmitter(Emitter):
     mean_outline   unit box squared: the box's outline, averaged over the disk
     """
 
-    name: str
-    power_rgb: Float64
     axes: Float32
     half_angle_rad: float
     cover: SceneCover
     mean_outline: float
-    casts_shadow: bool
-    link: int = -1
 
     def emit(self, u: Float32) -> EmittedPhotons:
         direction = turn(square_to_uniform_cone(u[:, 2:4], self.half_angle_rad), self.axes)
@@ -281,6 +273,7 @@ def make_light_emitter(
     """The emitter of a light; power_rgb is from usable_power, link is its row of LightLinks."""
     axes = np.array(light.rotation, np.float32)[..., None]
     centre = unit_box.to_unit(np.array(light.position_m))[:, None]
+    shared: dict[str, Any] = {"casts_shadow": light.casts_shadow, "link": link}
     if light.kind == "SUN":
         half = min(max(light.angle_rad, 0.0), math.pi) / 2
         grid = (np.arange(_CONE_STEPS) + 0.5) / _CONE_STEPS
@@ -288,11 +281,10 @@ def make_light_emitter(
         outline = float(cover.outline_area(turn(square_to_uniform_cone(square, half), axes)).mean())
         # A disk of radiance E / (pi sin^2 half) over 2 pi (1 - cos half) steradians.
         power = power_rgb * (2 / (1 + math.cos(half))) * outline / unit_box.scale**2
-        return SunEmitter(light.name, power, axes, half, cover, outline, light.casts_shadow, link)
+        return SunEmitter(light.name, power, axes, half, cover, outline, **shared)
     if light.kind == "AREA":
         half_size = (np.maximum(np.array(light.size_m) * unit_box.scale, SMALLEST_SIDE) / 2).astype(np.float32)[:, None]
-        ellipse = light.shape == "ELLIPSE"
-        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, ellipse, light.spread_rad, light.casts_shadow, link)
+        return AreaEmitter(light.name, power_rgb, centre, axes, half_size, light.shape == "ELLIPSE", light.spread_rad, **shared)
     cone = SpotCone.of(light)
     radius = np.array([unit_box.to_unit_length(light.radius_m)], np.float32)
     power = power_rgb * (cone.mean_drop / 2)
@@ -300,6 +292,5 @@ def make_light_emitter(
     if light.profile >= 0:
         profile = profiles[light.profile].astype(np.float64)
         table = CellTable(profile * find_solid_angles(*profile.shape)[:, None])
-        soft = light.soft_falloff
-        return ProfileEmitter(light.name, power, centre, axes, drop, blend, radius, soft, light.casts_shadow, table=table, link=link)
-    return PointEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, light.casts_shadow, link=link)
+        return ProfileEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, table=table, **shared)
+    return PointEmitter(light.name, power, centre, axes, drop, blend, radius, light.soft_falloff, **shared)

@@ -27,14 +27,12 @@ class Demand:
     """Required standard error of the light of a chunk's texels, and which of them may share samples.
 
     tolerance   standard error, relative to a texel's light, at which a light gets no more rays
-    max_rays    per texel and light
     flat        tiles that lie on one triangle, whose texels share their first samples and pdfs
     alone       (n,) bool: texels that share no samples with their neighbours; None for none
     dark        W/m^2: least light to which the error of light through openings is relative
     """
 
     tolerance: float
-    max_rays: int = STAGES[-1][1]
     flat: Tiles = field(default_factory=Tiles.none)
     alone: BoolArray | None = None
     dark: float = 0.0
@@ -42,10 +40,6 @@ class Demand:
     def are_alone(self, rows: Int64) -> BoolArray | None:
         """(m,) bool: `alone` of the texels `rows` (m,); None if no texel is."""
         return None if self.alone is None else self.alone[rows]
-
-    def spans(self, stages: Sequence[Span] = STAGES) -> list[Span]:
-        """The stages that start before max_rays."""
-        return [span for span in stages if span[0] < self.max_rays]
 
 
 @dataclass(frozen=True)
@@ -210,8 +204,7 @@ def sample_adaptively(
         return total, squares, n_ray
     taken, asked = np.ones(count, np.int64), np.zeros(count, bool)
     taken[rows], asked[rows] = 0, True
-    spans = demand.spans(stages)
-    for first, last in spans:
+    for first, last in stages:
         for piece in row_pieces(rows, last - first):
             value, traced = gather(piece, (first, last))
             n_ray += traced
@@ -219,7 +212,7 @@ def sample_adaptively(
             # Variance by successive differences of neighbouring strata. Source: Wolter 1984.
             squares[piece] += ((value[0::2] - value[1::2]) ** 2).sum(axis=0)
             taken[piece] += last - first
-        if last == spans[-1][1]:
+        if last == stages[-1][1]:
             break
         error, mean = weigh_channels(squares) / taken**2, total / taken[:, None]
         if gain is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..util import encodings
 from ..util.arrays import Float32, FloatArray
+from ..util.files import write_aside
 
 HALF_MAX = 65504.0  # the greatest half float
 _FLOAT_MAX = float(np.finfo(np.float32).max)
@@ -66,17 +66,14 @@ def write_image(
     greatest = range_of(pixels, kind, wanted_range)
     if kind in encodings.ENCODINGS:
         metadata = {**metadata, _ENCODING: kind, _RANGE: str(greatest)}
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        error = _write_file(temporary, pixels, metadata, kind, greatest, full)
-        if error:
-            raise OSError(error)
-        os.replace(temporary, path)
+        with write_aside(path) as temporary:
+            error = _write_file(temporary, pixels, metadata, kind, greatest, full)
+            if error:
+                raise OSError(error.replace(str(temporary), path.name))
     except OSError as reason:
-        text = str(reason.strerror or reason).strip().replace(str(temporary), path.name)
+        text = str(reason.strerror or reason).strip()
         raise OSError(f"{path}: cannot be written ({text}); choose a folder that exists, can be written to and has room") from reason
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_image(path: Path) -> tuple[Float32, dict[str, Any]]:
@@ -85,12 +82,9 @@ def read_image(path: Path) -> tuple[Float32, dict[str, Any]]:
     out   (h, w, c) float32, row 0 at the bottom; name -> value
     Raises OSError with the path if it cannot be read.
     """
-    oiio = _open_image_io()
-    straight = oiio.ImageSpec()
-    straight.attribute("oiio:UnassociatedAlpha", 1)
-    source = oiio.ImageInput.open(str(path), straight)
+    source = _open_source(str(path))
     if source is None:
-        raise OSError(f"{path}: cannot be read ({oiio.geterror().strip()}); choose an image file")
+        raise OSError(f"{path}: cannot be read ({_open_image_io().geterror().strip()}); choose an image file")
     pixels = source.read_image("float")
     metadata = {attribute.name: attribute.value for attribute in source.spec().extra_attribs}
     kind, error = source.format_name(), source.geterror()
@@ -111,19 +105,21 @@ def read_bytes(path: str) -> NDArray[np.uint8] | None:
 
     out   (h, w, c) uint8 with 1, 3 or 4 channels, row 0 at the bottom
     """
-    oiio = _open_image_io()
-    straight = oiio.ImageSpec()
-    straight.attribute("oiio:UnassociatedAlpha", 1)
-    source = oiio.ImageInput.open(path, straight)
+    source = _open_source(path)
     if source is None:
         return None
     spec = source.spec()
-    plain = (
-        str(spec.format) == "uint8" and spec.nchannels in (1, 3, 4) and (spec.nchannels < 4 or not path.lower().endswith((".jpg", ".jpeg")))
-    )
+    plain = str(spec.format) == "uint8" and spec.nchannels in ((1, 3) if path.lower().endswith((".jpg", ".jpeg")) else (1, 3, 4))
     stored = source.read_image("uint8") if plain else None
     source.close()
     return None if stored is None else np.asarray(stored, np.uint8).reshape(spec.height, spec.width, spec.nchannels)[::-1]
+
+
+def _open_source(path: str) -> Any:
+    """The reader of an image file, with straight alpha; None if it cannot be opened."""
+    straight = _open_image_io().ImageSpec()
+    straight.attribute("oiio:UnassociatedAlpha", 1)
+    return _open_image_io().ImageInput.open(path, straight)
 
 
 def load_ahead(folders: Sequence[str] = ()) -> None:

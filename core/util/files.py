@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,7 +21,8 @@ def save_whole(file: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
     Raises OSError if it cannot be written.
     """
-    _write_whole(file, lambda out: write_arrays(out, arrays))
+    with write_aside(file) as unfinished, open(unfinished, "xb") as out:
+        write_arrays(out, arrays)
 
 
 def write_arrays(out: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -37,15 +39,17 @@ def write_arrays(out: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def write_text_whole(file: Path, text: str) -> None:
     """As save_whole, for a text in UTF-8."""
-    _write_whole(file, lambda out: out.write(text.encode()))
+    with write_aside(file) as unfinished, open(unfinished, "xb") as out:
+        out.write(text.encode())
 
 
-def _write_whole(file: Path, write: Callable[[IO[bytes]], object]) -> None:
+@contextmanager
+def write_aside(file: Path) -> Iterator[Path]:
+    """A path beside `file` to write to: at the end it takes the place of `file`, or is removed if something failed."""
     unfinished = file.with_name(f".{file.name.removeprefix('.')}.{os.getpid()}.part")
     try:
         unfinished.unlink(missing_ok=True)  # a link of that name could lead to another user's file
-        with open(unfinished, "xb") as out:
-            write(out)
+        yield unfinished
         os.replace(unfinished, file)
     finally:
         unfinished.unlink(missing_ok=True)

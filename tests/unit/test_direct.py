@@ -63,11 +63,6 @@ class TestShadows:
         assert found.counters["settled"] > 0.8 * 64 * 64
         assert found.counters["rays"] < 12 * 64 * 64
 
-    def test_the_limit_of_rays_holds(self):
-        for limit in (4, 16, 64):
-            found = light_floor(lit_scene([BLOCK], [PANEL]), SIDE, max_rays=limit, tolerance=0.0)
-            assert found.counters["rays"] <= limit * SIDE**2
-
 
 class TestSides:
     def facing_down(self, two_sided: bool) -> SceneSnapshot:

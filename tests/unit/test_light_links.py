@@ -56,11 +56,7 @@ def test_what_glows_is_linked_as_a_lamp_is():
     def light(**choices) -> tuple[float, float, float]:
         linked = replace(scene, objects=(*others, replace(glow, **choices)))
         prepared = prepare(linked)[0]
-        direct = (
-            direct_irradiance(prepared, floor_footprints(16), np.arange(256), np.random.default_rng(1), max_rays=64)
-            .irradiance_rgb[:, 0]
-            .mean()
-        )
+        direct = direct_irradiance(prepared, floor_footprints(16), np.arange(256), np.random.default_rng(1)).irradiance_rgb[:, 0].mean()
         hits, _ = trace_first(linked, 40_000)
         on_floor = hits.tri < 2
         return float(direct), float(hits.flux_rgb[0, on_floor].sum()), float(hits.flux_rgb[0, ~on_floor].sum())
