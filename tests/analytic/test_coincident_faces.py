@@ -28,7 +28,7 @@ def patch(name, half, centre):
 def light_of_objects(folder, meshes, gather):
     """Mean indirect light of each object, W/m^2."""
     scene = make_scene(meshes, [LAMP], [Material("Grey", (0.6,) * 3)])
-    settings = Settings(size=64, error=0.005 if gather else 0.02, max_photons=1_000_000, gather=gather, workers=1)
+    settings = Settings(size=48, error=0.005 if gather else 0.02, max_photons=1_000_000, gather=gather, workers=1)
     field = solve_scene(folder, scene, settings)
     assert (field.gathered is not None) == gather
     tracing = traced_scene.open_tracing(str(folder))
