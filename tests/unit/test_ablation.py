@@ -20,7 +20,7 @@ from scenes import box_mesh, make_scene, moved, quad_mesh, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 CORE = Path(ablation.__file__).resolve().parents[1]
-QUICK = Settings(size=64, padding=1, workers=1, error=0.03, max_photons=200_000, gather=False)
+QUICK = Settings(size=48, padding=1, workers=1, error=0.03, max_photons=100_000, gather=False)
 
 
 def bake_without(folder, monkeypatch, *names, settings=QUICK, scene=None):

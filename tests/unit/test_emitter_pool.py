@@ -91,8 +91,8 @@ def test_lamps_that_reach_down_through_the_floor():
     scene = lit_scene(emission=[box_mesh(f"Lamp {i}", (0.15, 0.15, 0.08), place) for i, place in enumerate(places)])
     pooled, alone = prepare(scene)[0], as_sources(scene)
     assert len(pooled.pools) == 1
-    found = np.mean([light_floor(pooled, seed, TEXELS[::3]).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
-    expected = light_floor(alone, texels=TEXELS[::3]).irradiance_rgb[:, 0]
+    found = np.mean([light_floor(pooled, seed, TEXELS[::5]).irradiance_rgb[:, 0] for seed in range(4)], axis=0)
+    expected = light_floor(alone, texels=TEXELS[::5]).irradiance_rgb[:, 0]
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
 
 
@@ -121,10 +121,10 @@ def test_a_bed_of_glowing_boxes_takes_few_rays(hold):
     """49 of them just above the floor, of 588 triangles: who sees few of them, near ones, does not look for the others."""
     places = [((i % 7 + 0.5) / 7, (i // 7 + 0.5) / 7, 0.025) for i in range(49)]
     scene, _, _ = prepare(lit_scene(emission=[box_mesh(f"Box {i}", (0.05, 0.05, 0.025), place) for i, place in enumerate(places)]))
-    runs = [light_floor(scene, seed, tolerance=ENOUGH) for seed in range(6)]
+    runs = [light_floor(scene, seed, TEXELS[::2], tolerance=ENOUGH) for seed in range(4)]
     light = np.stack([run.irradiance_rgb[:, 0] for run in runs])
     noise = np.sqrt(light.var(axis=0, ddof=1).mean()) / light.mean()
-    hold("bed of glowing boxes: noise of 16 rays", noise, high=0.2)
+    hold("bed of glowing boxes: noise of 16 rays", noise, high=0.1)
 
 
 def test_textures_shine_where_they_are_bright():
