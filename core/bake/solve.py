@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from ..filter import error_estimate
 from ..filter.radiosity_solution import RadiositySolution
 from ..filter.subtexel_tally import Squares
+from ..integrate import texel_shards
 from ..integrate.adaptive_sampling import DIRECT_SHARE, SamplingStep, Stop, Tell, choose_texels, run_step
+from ..integrate.bright_places import find_bright
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
@@ -220,7 +222,9 @@ class Solver:
     def _find_known(self, reading: RadiositySolution) -> KnownLight:
         """The light that gather rays meet."""
         light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
-        return KnownLight(light, doubt, *self.cell_tally.irradiance(self.tracing.cells))
+        on_cells, cell_doubt = self.cell_tally.irradiance(self.tracing.cells)
+        bright = find_bright(texel_shards.open_surfaces(str(self.folder)), light, on_cells.sum(axis=0))
+        return KnownLight(light, doubt, on_cells, cell_doubt, bright)
 
     def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         other = self._other_light(reading)

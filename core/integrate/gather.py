@@ -26,7 +26,7 @@ from ..lights.direct_points import (
     light_points,
     random_shift,
 )
-from ..lights.stratified_choice import Demand, Span, sample_adaptively
+from ..lights.stratified_choice import Demand, Span, draw_strata, sample_adaptively
 from ..scene.coincident_faces import CoincidentFaces
 from ..scene.materials import SurfaceMaterials
 from ..scene.rays import RayScene
@@ -39,8 +39,9 @@ from ..transport.passing import Passing
 from ..transport.refraction import follow_glass
 from ..util.ablation import uses
 from ..util.arrays import Float32, Float64, IntArray
-from ..util.geometry import offset_origin, rotate_to, take_rows
+from ..util.geometry import dot_rows, offset_origin, rotate_to, take_rows
 from ..util.sampling import square_to_cosine_hemisphere
+from .bright_places import BrightPlaces, Targets
 from .direct import DirectScene
 from .hit_light import HitLight
 
@@ -56,12 +57,14 @@ class KnownLight:
     doubt           (n,) float32: half of what one half of the photons tells more than the other, mean of channels
     on_cells        (2, 3, n_cell) float32: light on sides without a lightmap by photons, indirect and straight from lamps
     cell_doubt      (2, n_cell) float32: as doubt
+    bright          places that send much of this light
     """
 
     light: Float32
     doubt: Float32
     on_cells: Float32
     cell_doubt: Float32
+    bright: BrightPlaces
 
 
 @dataclass(frozen=True)
@@ -110,20 +113,37 @@ class GatheredLight:
     by_openings: bool = False
 
 
-def gather_light(scene: GatherScene, known: KnownLight, texel: IntArray, rng: np.random.Generator, n_ray: int) -> GatheredLight:
-    """Light from surfaces at texels (n,) int, by n_ray rays from each, the end of a stage of STAGES."""
+def gather_light(
+    scene: GatherScene, known: KnownLight, targets: Targets, texel: IntArray, rng: np.random.Generator, n_ray: int
+) -> GatheredLight:
+    """Light from surfaces at texels (n,) int, by n_ray rays from each, the end of a stage of STAGES, and as many again to targets."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
     doubt, traced = np.zeros(len(texel), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.footprints_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
-        gathering = _Gathering(scene, known, chunk, random_shift(rng, len(chunk)), rng)
-        every, nothing = np.arange(len(chunk)), np.zeros((len(chunk), 3))
+        gathering = _Gathering(scene, known, targets, chunk, rng, n_ray)
+        every, nothing, all_rays = np.arange(len(chunk)), np.zeros((len(chunk), 3)), ((0, 2 * n_ray if len(targets) else n_ray),)
         # No texel stops early: by its own rays alone it would where they happen to meet nothing bright, which loses up to 1 % of the light.
-        light, error, n = sample_adaptively(gathering.sample, every, Demand(0.0), nothing, ((0, n_ray),))
+        light, error, n = sample_adaptively(gathering.sample, every, Demand(0.0), nothing, all_rays)
         irradiance[part] += light
         variance[part] += error
         doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)
         traced += n
     return GatheredLight(irradiance, variance, doubt, {"rays": traced})
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """Rays (k * n,) from texels `rows` (n,) of a chunk, of which `origin` says where they begin.
+
+    target   (k * n,) int: the number of the place each is aimed at, -1 for none
+    place    (k * n,) int: where what each brings goes in (k, n) estimates in the order of strata
+    """
+
+    rows: IntArray
+    origin: Receivers
+    direction: Float32
+    target: IntArray
+    place: IntArray
 
 
 class _Gathering:
@@ -134,19 +154,43 @@ class _Gathering:
     """
 
     def __init__(
-        self, scene: GatherScene, known: KnownLight, chunk: TexelChunk, shift: NDArray[np.uint32], rng: np.random.Generator
+        self, scene: GatherScene, known: KnownLight, targets: Targets, chunk: TexelChunk, rng: np.random.Generator, n_ray: int
     ) -> None:
-        self._scene, self._known, self._chunk, self._shift, self._rng = scene, known, chunk, shift, rng
+        self._scene, self._known, self._targets, self._chunk, self._rng, self._n_ray = scene, known, targets, chunk, rng, n_ray
+        self._shift = random_shift(rng, len(chunk))
         self._on_hits = HitLight(scene.lights, rng)
+        self._chances = targets.find_chances(chunk) if len(targets) else np.zeros((0, 0))
         self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
 
+    def _choose_rays(self, rows: IntArray) -> _Rays:
+        """Rays of cosine-distributed directions from each of the texels, and as many to targets if there are any."""
+        count, every = self._n_ray, np.arange(len(rows))
+        span = (0, count)
+        origin, shift = self._chunk.receivers(rows, *span), take_rows(self._shift, rows)
+        direction = rotate_to(square_to_cosine_hemisphere(light_points(shift, *span)), origin.normal).astype(np.float32)
+        place = (LIGHT_PLACE[span][:, None] * len(rows) + every).ravel()
+        if not len(self._targets):
+            return _Rays(rows, origin, direction, np.full(len(direction), -1), place)
+        step, pick = draw_strata(shift[:, 0], count, self._rng)
+        target, point = self._targets.choose(self._chances, rows, pick, self._rng)
+        aimed = point - origin.position
+        aimed /= np.sqrt(np.maximum(dot_rows(aimed, aimed), np.float32(1e-20)))[:, None]
+        return _Rays(
+            rows,
+            origin.rows(np.tile(np.arange(len(direction)), 2)),
+            np.concatenate([direction.T, aimed.T], axis=1).T,
+            np.append(np.full(len(direction), -1), target),
+            np.append(place, (count + step) * len(rows) + every),
+        )
+
     def sample(self, rows: IntArray, span: Span) -> tuple[Float64, int]:
-        """(k, len(rows), 3) float64: what each ray says of all light from surfaces, W/m^2, in the order of strata; and rays traced."""
-        scene = self._scene
-        receivers = self._chunk.receivers(rows, *span)
-        places = square_to_cosine_hemisphere(light_points(take_rows(self._shift, rows), *span))
-        direction = rotate_to(places, receivers.normal).astype(np.float32)
-        count = span[1] - span[0]
+        """(k, len(rows), 3) float64: what each ray says of all light from surfaces, W/m^2, in the order of strata; and rays traced.
+
+        span   all rays
+        """
+        scene, rays = self._scene, self._choose_rays(rows)
+        receivers, direction = rays.origin, rays.direction
+        count = span[1]
         self.rays[rows] += count
         sent, traced = np.zeros((3, len(direction))), 0
         # By a shading normal some rays go below the face: what comes from there is not seen, as with the sky.
@@ -168,7 +212,7 @@ class _Gathering:
             seen = share if tri_seen is None else share * tri_seen[kind, :, tri].T
             back = scene.surfaces.dim_back(tri, (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0)
             seen = seen if back is None else seen * back
-            traced += self._add(sent, rows, span, ray, direction, seen, (tri, u, v, distance))
+            traced += self._add(sent, rays, ray, direction, seen, kind == DIFFUSE, (tri, u, v, distance))
             onward = []
             if scene.passing is not None:
                 on, start, left = scene.passing.follow(direction.T, share, tri, u, v, kind)
@@ -203,27 +247,33 @@ class _Gathering:
     def _add(
         self,
         sent: Float64,
-        rows: IntArray,
-        span: Span,
+        rays: _Rays,
         ray: IntArray,
         direction: Float32,
         share: Float32,
+        is_straight: NDArray[np.bool_],
         hit: tuple[IntArray, Float32, Float32, Float32],
     ) -> int:
-        """Adds what rays (m,), numbered stage by stage, bring from the triangles they met; a share (3, m) of it comes to the texels.
+        """Adds what rays (m,) of `rays` bring from the triangles they met; a share (3, m) of it comes to the texels.
 
         Returns how many shadow rays were traced.
         """
-        scene, known, traced = self._scene, self._known, 0
+        scene, known, rows, traced = self._scene, self._known, rays.rows, 0
         tri, u, v, distance = hit
         entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
         is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
+        has_texel = scene.tri_mapped[tri] & (entry >= 0)
+        if len(self._targets):
+            cell = scene.cells.find(tri, is_front, u, v)
+            number = np.where(is_front & has_texel, self._targets.of_texel[entry], self._targets.of_cell[cell])
+            point, normal = scene.receiving.place(tri, u, v), take_rows(scene.receiving.normal, tri)
+            share = share * self._weigh(rays, ray, direction, np.where(is_straight, number, -1), point, normal)
         albedo, through = self._find_albedo(tri, u, v, direction)
-        place = LIGHT_PLACE[span][ray // len(rows)] * len(rows) + ray % len(rows)
+        place = rays.place[ray]
         for facing, seen in ((is_front, albedo), (~is_front, through)):
             if seen is None:
                 continue
-            mapped, own_share = facing & scene.tri_mapped[tri] & (entry >= 0), seen * share
+            mapped, own_share = facing & has_texel, seen * share
             bare = np.flatnonzero(~mapped & own_share.any(axis=0))
             on_bare, bare_doubt, n_ray = self._light_bare(tri[bare], u[bare], v[bare], facing[bare], distance[bare])
             traced += n_ray
@@ -239,6 +289,22 @@ class _Gathering:
                     else:  # a ray may be there twice, mirrored and passed
                         row += np.bincount(to, brought, len(row))
         return traced
+
+    def _weigh(self, rays: _Rays, ray: IntArray, direction: Float32, number: IntArray, point: Float32, normal: Float32) -> Float32:
+        """(m,) float32: weights of rays (m,) that met the places `number` (m,), -1 for none, by the balance heuristic.
+
+        point, normal   (m, 3): where they met them, unit box, and the normals there
+        """
+        target = rays.target[ray]
+        weight = np.where(target < 0, np.float32(2), np.float32(0))
+        both = np.flatnonzero((number >= 0) & ((target < 0) | (target == number)))
+        ray, point, normal = ray[both], take_rows(point, both), take_rows(normal, both)
+        row = rays.rows[ray % len(rays.rows)]
+        by_aim = self._targets.find_pdf(self._chances, row, number[both], point - take_rows(rays.origin.position, ray), normal)
+        cosine = dot_rows(take_rows(direction, both), take_rows(rays.origin.normal, ray))
+        by_cosine = np.maximum(cosine, 0) / math.pi
+        weight[both] = 2 * by_cosine / np.maximum(by_cosine + by_aim, 1e-20)
+        return weight
 
     def _light_bare(
         self, tri: IntArray, u: Float32, v: Float32, is_front: NDArray[np.bool_], distance: Float32

@@ -23,6 +23,7 @@ from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice
 from . import direct, direct_quads, gather
+from .bright_places import PlacedSurfaces, Targets
 from .reference_level import ReferenceLevel
 
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
@@ -102,8 +103,21 @@ class GatherShard(TexelShard):
 
 def gather_texels(shard: GatherShard) -> gather.GatheredLight:
     """Light from surfaces at the texels of a shard."""
-    scene, known = _open_gather_scene(shard.tracing), open_known_light(shard.view)
-    return gather.gather_light(scene, known, shard.entries, shard.rng(GATHER_ROUND), shard.n_ray)
+    scene, known, targets = _open_gather_scene(shard.tracing), open_known_light(shard.view), _open_targets(shard.tracing, shard.view)
+    return gather.gather_light(scene, known, targets, shard.entries, shard.rng(GATHER_ROUND), shard.n_ray)
+
+
+@keep_view_open
+def _open_targets(tracing: str, view: str) -> Targets:
+    return Targets(open_known_light(view).bright, open_surfaces(tracing))
+
+
+@keep_scene_open
+def open_surfaces(folder: str) -> PlacedSurfaces:
+    """The surfaces of a scene that was written to `folder`."""
+    tracing = open_tracing(folder)
+    receiving = _open_direct_scene(folder).surfaces
+    return PlacedSurfaces(tracing.texels, tracing.cells, tracing.scene.surfaces, receiving, tracing.unit_box.scale)
 
 
 @keep_scene_open

@@ -32,7 +32,7 @@ _BESIDE = np.float32(2)
 _CORNERS_WORK = 16  # cost of a closed form, relative to that of an importance by the centre
 _GRAZING = np.float32(0.02)  # least cosine, since importances are evaluated at a normal and position that differ from the receiver's
 _BEHIND = np.float32(0.002)  # replaces the cosine of nodes that are certainly below the horizon or face away
-_AT_RIGHT_ANGLES = 0.25  # unit box: in cut_by_spread, this distance from the mean counts as much as a normal perpendicular to the mean
+RIGHT_ANGLES_APART = 0.25  # unit box: in cut_by_spread, this distance from the mean counts as much as a normal perpendicular to the mean
 # Mean squared distance of positions and normals at which cutting ends. Measured: fewer runs are faster to choose from; but with ten times
 # this value the additional rays take the time that is saved.
 _EVEN = 0.001
@@ -74,7 +74,7 @@ class EmitterClusters:
         """The forest over cells (n,) in the order of `order_cells`, of importances `weight` (n,)."""
         centre, normal, square = polygons.centre, polygons.normal, polygons.area / math.pi
         weight = weight / max(float(weight.max()), 1e-300)
-        starts = [cut_by_spread(weight, np.concatenate([centre / _AT_RIGHT_ANGLES, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
+        starts = [cut_by_spread(weight, np.concatenate([centre / RIGHT_ANGLES_APART, normal], axis=1), _MAX_CLUSTERS, _EVEN)]
         while len(starts[-1]) < len(weight):
             starts.append(_cut_all(starts[-1], len(weight)))
         levels = [Clusters.of(weight, centre, normal, square, start) for start in starts]
@@ -108,7 +108,7 @@ class EmitterClusters:
         away2 = dot_rows(place, place)[:, None] + dot_rows(centre, centre) - 2 * place @ centre.T
         height = receivers.normal @ centre.T - dot_rows(receivers.normal, place)[:, None]
         facing = place @ normal.T - dot_rows(centre, normal)
-        out: Float32 = _estimate(away2, height, facing, reach[:, None], square, spread, sealed) * weight
+        out: Float32 = estimate_importance(away2, height, facing, reach[:, None], square, spread, sealed) * weight
         row, run = np.nonzero((away2 < self._reach_of(np.arange(len(self)), _NEAR)) & (self.count[: len(self)] > 0))
         for piece in row_pieces(np.arange(len(row)), _FEW):
             rows, runs = row[piece], run[piece]
@@ -164,7 +164,7 @@ class EmitterClusters:
         looking, normal = receivers.rows(owner), take_rows(self.normal, part)
         away = take_rows(self.centre, part) - looking.position
         square, height, facing = dot_rows(away, away), dot_rows(away, looking.normal), -dot_rows(away, normal)
-        estimated = _estimate(square, height, facing, reach[owner], self.square[part], self.spread[part], self.sealed[part])
+        estimated = estimate_importance(square, height, facing, reach[owner], self.square[part], self.spread[part], self.sealed[part])
         estimated *= self.weight[part]
         rows = np.flatnonzero((square < self._reach_of(part, _AMONG)) & (self.count[part] > 0))
         for piece in row_pieces(rows, _FEW):
@@ -214,7 +214,7 @@ def _cut_all(start: Int64, end: int) -> Int64:
     return start[run] + count[run] * part // n_part[run]
 
 
-def _estimate(
+def estimate_importance(
     square: Float32, height: Float32, facing: Float32, reach: Float32, own_square: Float32, spread: Float32, sealed: BoolArray
 ) -> Float32:
     """Importance for unit weight: height * facing / (square * (square + own_square)), that is cos * cos' / (r^2 + own_square).

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 from ..util.job import SNAPSHOT_FILE
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 TEXELS_FOLDER = "texels"
@@ -28,11 +29,11 @@ def keep_scene_open(read: Callable[[str], T]) -> Callable[[str], T]:
     return cached
 
 
-def keep_view_open(read: Callable[[str], T]) -> Callable[[str], T]:
+def keep_view_open(read: Callable[P, T]) -> Callable[P, T]:
     """Decorator for a function that reads a round's folder: a process keeps the last one open until forget_views."""
     cached = lru_cache(maxsize=1)(read)
     _forget_views.append(cached.cache_clear)
-    return cached
+    return cast(Callable[P, T], cached)
 
 
 def forget_folders() -> None:

@@ -15,6 +15,7 @@ from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64,
 _CELLS = 2**18
 _MOST_PER_SIDE = 512  # rows of cells along a triangle's edge
 _TINY = 1e-30  # m^2
+_UPRIGHT, _UPSIDE_DOWN = np.array([[0, 0], [1, 0], [0, 1]]), np.array([[1, 1], [0, 1], [1, 0]])  # corners of cells
 
 
 @dataclass(frozen=True)
@@ -60,3 +61,15 @@ class SurfaceCells:
         column = np.clip((u * edge).astype(np.int64), 0, edge - 1 - row)
         upside_down = (u * edge - column + v * edge - row > 1.0) & (column + row < edge - 1)
         return self.start[side, tri] + row * (2 * edge - row) + 2 * column + upside_down
+
+    def locate(self, cell: IntArray) -> tuple[Int64, BoolArray, Float32]:
+        """Triangles (m,) of cells (m,), whether these are on their fronts, and the cells' corners (m, 3, 2), in weights of the triangles'
+        corners 1 and 2: the inverse of `find`.
+        """
+        side = np.searchsorted(self.start.ravel(), cell, side="right") - 1
+        edge, number = self.per_edge.ravel()[side].astype(np.int64), cell - self.start.ravel()[side]
+        row = (edge - np.sqrt(edge**2 - number)).astype(np.int64)  # exact, as both are below 2^53
+        column, upside_down = np.divmod(number - row * (2 * edge - row), 2)
+        corner = np.stack([column, row], axis=1)[:, None] + np.where(upside_down[:, None, None], _UPSIDE_DOWN, _UPRIGHT)
+        n_tri = self.start.shape[1]
+        return side % n_tri, side < n_tri, (corner / edge[:, None, None]).astype(np.float32)

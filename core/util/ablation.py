@@ -47,6 +47,7 @@ MECHANISMS = {
     # indirect light by rays
     "final_gathering": "indirect light is gathered by rays from texels (--no-gather)",
     "gather_pilots": "light is gathered where pilot texels show little noise of photons, however noisy leaves are",
+    "bright_places": "as many gather rays again are aimed at bright places",
     "hit_light": "on wide cells near a texel direct light comes from shadow rays, not from the photons in the cell",
     "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
     "batches": "batches of further rays grow geometrically",

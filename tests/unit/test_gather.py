@@ -7,6 +7,7 @@ import pytest
 from boxes import make_solver, room_mesh
 from floors import sigma_limit
 from leaflight.core.integrate import gather, texel_shards
+from leaflight.core.integrate.bright_places import Targets, find_bright
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
@@ -28,14 +29,16 @@ def know(solver, light, doubt, on_sides=0.0):
     n_cell = len(solver.tracing.cells)
     on_cells = np.zeros((2, 3, n_cell), np.float32)
     on_cells[0] = on_sides
-    return gather.KnownLight(light, doubt, on_cells, np.zeros((2, n_cell), np.float32))
+    bright = find_bright(texel_shards.open_surfaces(str(solver.folder)), light, on_cells.sum(axis=0))
+    return gather.KnownLight(light, doubt, on_cells, np.zeros((2, n_cell), np.float32), bright)
 
 
 def gather_known(solver, known, texel=None, n_ray=64, seed=1):
     texels = solver.tracing.texels
     texel = np.arange(len(texels.texel_chart)) if texel is None else texel
     scene, rng = texel_shards._open_gather_scene(str(solver.folder)), np.random.default_rng(seed)
-    return gather.gather_light(scene, known, texel, rng, n_ray)
+    targets = Targets(known.bright, texel_shards.open_surfaces(str(solver.folder)))
+    return gather.gather_light(scene, known, targets, texel, rng, n_ray)
 
 
 def places_of(solver):
