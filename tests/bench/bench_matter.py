@@ -1,15 +1,23 @@
 """Light by every kind of sky, lamp and matter: a floor in a small scene of each, by Leaflight and by Cycles. Fills docs/matter.md.
 
 python bench_matter.py [--samples N] [--size N] [--docs] [NAME ...]
+
+What was baked is kept in out/matter and taken from there until the scene, or for Leaflight's bakes the code, is another: a run that was
+stopped goes on. Of a scene, the pixels of pictures and corner normals are not looked at; remove what is kept after a change of these.
 """
 
 import argparse
+import hashlib
+import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from cycles_bake import bake_cycles, set_stage
+from leaflight.addon.read.object_settings import registered
+from leaflight.addon.show.scene_prints import print_scene
 from leaflight.addon.ui import cli
 from leaflight.core.output.image_file import read_image, write_image
 from light_scenes import SCENES as LIGHT_SCENES
@@ -21,6 +29,7 @@ from ray_scenes import SCENES as RAY_SCENES
 SCENES = {**LIGHT_SCENES, **MATTER_SCENES, **RAY_SCENES}
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
+KEPT = ROOT / "out" / "matter"
 _MEAN_TARGET, _NRMSE_TARGET = 0.01, 0.04
 _COLUMNS, _GAP = 4, 4  # of the sheet, pairs; texels
 _HEAD = """# Light by every kind of sky, lamp and matter
@@ -96,18 +105,42 @@ def compare(name: str, size: int, samples: int) -> tuple[LightmapErrors, float, 
         SCENES[name]()
         import bpy
 
+        with registered():
+            what = [print_scene(bpy.context.scene, bpy.context.view_layer), bpy.app.version_string, size]
         bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-        ours = bake_leaflight(blend, size, Path(folder) / "out")
-        parts = PARTS.get(name, 1)
+        (ours,) = recall(name, [*what, digest_code()], lambda: [bake_leaflight(blend, size, Path(folder) / "out")])
+        first, second = recall(name, [*what, samples, PARTS.get(name, 1)], lambda: bake_reference(name, blend, size, samples))
+    baked = (first[..., 3] > 0) & (ours[..., 3] > 0)
+    value, one, two = (pixels[baked][:, :3] for pixels in (ours, first, second))
+    return measure_errors(value, one, two, noisy=True), float(2 * value.mean() / (one.mean() + two.mean())), ours, (first + second) / 2
+
+
+def recall(name: str, what: list[object], make: Callable[[], list[np.ndarray]]) -> list[np.ndarray]:
+    """Pictures that are kept for a scene and all that decides them, made first if there are none."""
+    path = KEPT / f"{name} {hashlib.sha256(json.dumps(what).encode()).hexdigest()[:12]}.npz"
+    if not path.exists():
+        pictures = make()
+        KEPT.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path, *pictures)
+    with np.load(path) as kept:
+        return list(kept.values())
+
+
+def digest_code() -> str:
+    code = sorted(path for package in ("core", "addon") for path in (ROOT / package).rglob("*.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in code)).hexdigest()
+
+
+def bake_reference(name: str, blend: Path, size: int, samples: int) -> list[np.ndarray]:
+    """Two pictures by Cycles, (size, size, 4) each."""
+    parts = PARTS.get(name, 1)
+    with tempfile.TemporaryDirectory() as folder:
         stage = set_stage(blend, parts * size, Path(folder), (FLOOR,), uv_layer="UVMap")
         cycles = stage.scene.cycles
         cycles.caustics_refractive = name not in WITHOUT_CAUSTICS
         cycles.glossy_bounces = cycles.transmission_bounces = cycles.transparent_max_bounces = 64
-        baked_parts = (bake_cycles(stage, samples // parts**2, seed)[0] for seed in (1, 2))
-        first, second = (one.reshape(size, parts, size, parts, 4).mean(axis=(1, 3)) for one in baked_parts)
-    baked = (first[..., 3] > 0) & (ours[..., 3] > 0)
-    value, one, two = (pixels[baked][:, :3] for pixels in (ours, first, second))
-    return measure_errors(value, one, two, noisy=True), float(2 * value.mean() / (one.mean() + two.mean())), ours, (first + second) / 2
+        baked = [bake_cycles(stage, samples // parts**2, seed)[0] for seed in (1, 2)]
+    return [one.reshape(size, parts, size, parts, 4).mean(axis=(1, 3)) for one in baked]
 
 
 def draw_sheet(pairs: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
