@@ -20,7 +20,7 @@ help:
 	@echo "make pytest  the everyday tests alone"
 	@echo "make bench   the slow tests and the benchmarks, minutes each; ends with one table of what is claimed and measured"
 	@echo "make bench-speed  Leaflight beside Cycles on an idle machine, an hour; fills docs/speed.md"
-	@echo "make bench-matter  Leaflight beside Cycles on every kind of matter, ten minutes; fills docs/matter.md"
+	@echo "make bench-matter  Leaflight beside Cycles on every kind of matter, half an hour and more, goes on where it was stopped; fills docs/matter.md"
 	@echo "make bench-files  .blend files of a folder beside Cycles, object by object; fills docs/files.md   (FILES=folder)"
 	@echo "make bench-zoo  Leaflight beside Cycles on random scenes, other ones every day   (ZOO='--quick --seeds 1 2 3', or other options)"
 	@echo "make bench-ablation  random scenes without each mechanism: what each is worth   (ABLATION='--seeds 1 2 --mechanisms tiles')"

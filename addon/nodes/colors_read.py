@@ -139,6 +139,19 @@ class ColorReader:
         self.normal = self.normal or found
         return True
 
+    def read_bump(self, port: Port, is_mirror: bool) -> bool:
+        """As read_normal for what a displacement node gives as a bump; a normal of the shader goes before."""
+        if self.normal is not None:
+            return True
+        if self.faces is None or self._baker is None or not can_evaluate(port):
+            return False
+        if self.faces.receives or is_mirror:
+            self.normal = self._baker.bake(port, self._material, self.faces, by_object=True, is_normal=True)
+            if self.normal is None:
+                return False
+        self.by_faces = self.by_object = True
+        return True
+
     def _read_normal_map(self, port: Port) -> Color | None:
         """The colour of a Normal Map node in tangent space, None where it, or another node, has to be evaluated by Blender."""
         node, strength, faces = port.node, port.sibling("Strength"), self.faces

@@ -32,6 +32,8 @@ _NO_TRACE = 1e-30  # a factor that is lost beside 1, and not 0, which Cycles lea
 _NAME, _UV = "leaflight evaluation", "leaflight evaluation"
 # What depends on who looks, or on what a copy of the object has not: its particles; and what EEVEE alone knows.
 _UNFIT = ("LIGHT_PATH", "FRESNEL", "LAYER_WEIGHT", "PARTICLE_INFO", "HAIR_INFO", "SHADERTORGB")
+_FROM_VIEWER = ("Reflection", "Incoming")  # outputs that depend on who looks, too
+HEIGHTS = ("DISPLACEMENT", "VECTOR_DISPLACEMENT")
 _BY_OBJECT = ("OBJECT_INFO", "NEW_GEOMETRY", "CAMERA")
 
 
@@ -126,6 +128,8 @@ def _shows_random(node: Any) -> bool:
 def _is_unfit(node: Any) -> bool:
     if node.type in _UNFIT or (_shows_random(node) and not node.id_data.is_embedded_data):
         return True
+    if any(output.name in _FROM_VIEWER and output.is_linked for output in node.outputs):
+        return True
     return node.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and (node.image is None or (not node.image.has_data and not all(node.image.size)))
 
 
@@ -175,6 +179,8 @@ def _show_output(material: Any, port: Port, image: Any, copies: _Copies) -> bool
     source = _bring_up(tree, port, copies)
     if source is None:
         return False
+    if port.node.type in HEIGHTS:
+        source = _add_bump(tree, source)
     for node in [node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial"]:
         tree.nodes.remove(node)
     output, emission, target = (tree.nodes.new(kind) for kind in ("ShaderNodeOutputMaterial", "ShaderNodeEmission", "ShaderNodeTexImage"))
@@ -186,6 +192,17 @@ def _show_output(material: Any, port: Port, image: Any, copies: _Copies) -> bool
     target.select = True  # since Blender 5.0 the active node alone does not do
     tree.nodes.active = target
     return True
+
+
+def _add_bump(tree: Any, displacement: Any) -> Any:
+    """The normal where a displacement is a bump only. Source: Blender, intern/cycles/scene/shader_graph.cpp, bump_from_displacement."""
+    geometry, along, bump = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("NewGeometry", "VectorMath", "Bump"))
+    along.operation = "DOT_PRODUCT"
+    tree.links.new(displacement, along.inputs[0])
+    tree.links.new(geometry.outputs["Normal"], along.inputs[1])
+    tree.links.new(along.outputs["Value"], bump.inputs["Height"])
+    bump.inputs["Distance"].default_value = bump.inputs["Strength"].default_value = 1.0
+    return bump.outputs["Normal"]
 
 
 def _use_alphas(tree: Any) -> None:

@@ -12,9 +12,9 @@ from ..nodes.color_attributes import ColorLayer, ColorTable, Faces
 from ..nodes.colors_read import ColorReader
 from ..nodes.images_read import MAX_TEXTURE_SIDE_TEXELS, ImageTable
 from ..nodes.node_colors import GREY, WHITE, Color, Rgb, add_rgb, to_rgb
-from ..nodes.node_ports import find_surface, uses_nodes
+from ..nodes.node_ports import Port, find_source, find_surface, uses_nodes
 from ..nodes.polygon_atlas import BakedLayer
-from ..nodes.socket_bake import SocketBaker
+from ..nodes.socket_bake import HEIGHTS, SocketBaker
 from ..nodes.texture_mapping import UNMAPPED, UvMapping
 from .mesh_attributes import list_wanted_attributes
 from .render_levels import Warnings
@@ -22,6 +22,7 @@ from .shaders_read import PAINT, Surface, read_shader
 
 _IMAGES = tuple(image for images in TEXTURE_UVS.values() for image in images)
 _ALIKE = 1e-4  # of reflectances
+_ALIKE_PATTERN = 0.05  # mean difference of patterns
 _VIEWS = np.maximum(np.linspace(0.0, 1.0, 17), 1e-4).tolist()  # cosines with the normal; 0 would be on neither side
 
 
@@ -93,7 +94,7 @@ class MaterialTable:
         surface = read_material(reader, material)
         seen = _read_by_ray(reader, material, surface) if reader.by_ray else _SeenByRay(surface, {}, surface.passing.mapping)
         surface, passing = seen.surface, seen.passing
-        sides = _read_sides(reader, material, surface) if reader.by_view else _Sides(surface.passing)
+        sides = _read_sides(reader, material, surface) if reader.by_view else _Sides(surface.passing, surface.emission)
         if reader.replaced or reader.mended:
             self._warnings.append((material.name, f"the material is simplified: {'; '.join([*reader.replaced, *reader.mended])}"))
         return MaterialReading(
@@ -101,13 +102,14 @@ class MaterialTable:
                 name=material.name,
                 albedo_rgb=_clip_negative(surface.albedo.rgb),
                 albedo_image=surface.albedo.image,
-                emission_rgb=_clip_negative(surface.emission.rgb),
-                emission_image=surface.emission.image,
+                emission_rgb=_clip_negative(sides.emission.rgb),
+                emission_image=sides.emission.image,
                 passing_rgb=_clip_negative(sides.passing.rgb),
                 passing_image=sides.passing.image,
                 passing_views=sides.passing_views,
                 back_rgb=sides.back_rgb,
                 dark_back=sides.dark_back,
+                dark_front=sides.dark_front,
                 **passing,
                 seen_rgb=seen.seen_rgb,
                 glow_rgb=seen.glow_rgb,
@@ -142,7 +144,7 @@ class MaterialTable:
                 through_image=surface.through.image,
             ),
             surface.albedo.mapping,
-            surface.emission.mapping,
+            sides.emission.mapping,
             sides.passing.mapping if sides.passing.image >= 0 else seen.passing_mapping,
             UNMAPPED if reader.normal is None else reader.normal.mapping,
             surface.metal.mapping,
@@ -206,12 +208,14 @@ def _read_by_ray(reader: ColorReader, material: Any, diffuse: Surface) -> _SeenB
 
 @dataclass(frozen=True)
 class _Sides:
-    """What differs by view; `passing` is that of the side that lets more light pass, the others are fields of Material."""
+    """What differs by view: of the side that lets more light pass, and of one that glows; the others are fields of Material."""
 
     passing: Color
+    emission: Color
     passing_views: tuple[tuple[float, ...], ...] = ()
     back_rgb: Rgb = WHITE
     dark_back: bool = False
+    dark_front: bool = False
 
 
 def _read_sides(reader: ColorReader, material: Any, front: Surface) -> _Sides:
@@ -230,18 +234,31 @@ def _read_sides(reader: ColorReader, material: Any, front: Surface) -> _Sides:
     views = tuple(tuple(_divide_means(surface.passing, passing) for surface in found) for found in of_views)
     is_even = max(map(max, views)) - min(map(min, views)) < _ALIKE
     glows = [[sum(surface.emission.mean) for surface in found] for found in of_views]
-    dark_back = max(glows[0]) <= 0.0
+    dark_back, dark_front = (max(each) <= 0.0 for each in glows)
+    emission = back.emission if dark_front and not dark_back else front.emission
     if any(max(each) - min(each) > _ALIKE * max(each) for each in glows):
         reader.note("it glows in some directions more than in others, and is baked as glowing alike in all")
-    if not dark_back and abs(sum(back.emission.mean) - sum(front.emission.mean)) > _ALIKE * sum(back.emission.mean):
+    if not (dark_back or dark_front) and abs(sum(back.emission.mean) - sum(front.emission.mean)) > _ALIKE * sum(back.emission.mean):
         reader.note("its back glows in another way than its front, as which it is baked")
     sent, at_back = _find_sent(front), _find_sent(back)
     if any(there > 0.0 and here <= 0.0 for here, there in zip(sent, at_back, strict=True)):
         reader.note("its back reflects light of a colour that its front does not, and that is left out")
-    if back.albedo.image != front.albedo.image and any(at_back):
+    if any(at_back) and not _look_alike(reader, front.albedo, back.albedo):
         reader.note("its back shows the pattern of its front")
     back_rgb = _divide(at_back, sent)
-    return _Sides(passing, () if is_even else views, back_rgb, dark_back and any(front.emission.mean))
+    is_lamp = any(emission.mean)
+    return _Sides(passing, emission, () if is_even else views, back_rgb, dark_back and is_lamp, dark_front and is_lamp)
+
+
+def _look_alike(reader: ColorReader, one: Color, other: Color) -> bool:
+    """Whether two colours have the same pattern, but for a factor."""
+    if one.image == other.image:
+        return True
+    shown = [np.ones((1, 1, 3)) if color.image < 0 else reader.images.images[color.image].pixels for color in (one, other)]
+    if shown[0].shape != shown[1].shape and one.image >= 0 and other.image >= 0:
+        return False
+    first, second = (pixels / np.maximum(pixels.mean(axis=(0, 1)), 1e-9) for pixels in shown)
+    return float(np.abs(first - second).mean()) < _ALIKE_PATTERN
 
 
 def _divide_means(part: Color, whole: Color) -> float:
@@ -286,14 +303,23 @@ def read_material(reader: ColorReader, material: Any) -> Surface:
     if output is None:
         reader.note("it has no output node, so it is black")
         return Surface()
-    if output.inputs["Displacement"].is_linked and material.displacement_method != "BUMP":
-        reader.note("displacement is left out")
     volume = output.inputs["Volume"].is_linked
     if volume or source is None:
         reader.note("its volume is left out" if volume else "nothing is connected to its output, so it is black")
     if source is None:
         return Surface(passing=Color((float(volume),) * 3))
-    return read_shader(reader, source)
+    surface = read_shader(reader, source)
+    height = find_source(Port(output.inputs["Displacement"]))
+    if not height.is_value:
+        if material.displacement_method != "BUMP":
+            reader.note("displacement is left out")
+        if material.displacement_method != "DISPLACEMENT" and not _read_bump(reader, height, surface):
+            reader.note("its bump by displacement is left out")
+    return surface
+
+
+def _read_bump(reader: ColorReader, height: Port, surface: Surface) -> bool:
+    return height.node.type in HEIGHTS and reader.read_bump(height, is_mirror=any(surface.metal.mean))
 
 
 def _clip_negative(rgb: Rgb) -> Rgb:

@@ -222,7 +222,7 @@ def _read_subsurface(reader: ColorReader, port: Port) -> Surface:
 def _read_bending(reader: ColorReader, port: Port, mirror_rgb: Rgb, fresnel: bool) -> GlassNumbers:
     """Of a surface that is all glass."""
     ior = reader.read_number(port.sibling("IOR"), 1.5)
-    return GlassNumbers(1.0, mirror_rgb, fresnel, _scatters_often(port), _read_roughness(reader, port, True), ior)
+    return GlassNumbers(1.0, mirror_rgb, fresnel, _scatters_often(port), _read_roughness(reader, port), ior)
 
 
 def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: float) -> GlossNumbers:
@@ -236,7 +236,7 @@ def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: 
     root = math.sqrt(straight_on)
     layer = (1.0 - metallic) * (1.0 - transmission) if straight_on > 0.0 else 0.0
     diffuse = (1.0 - metallic) * (1.0 - transmission)
-    numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port, False), (1.0 + root) / (1.0 - root), diffuse)
+    numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port), (1.0 + root) / (1.0 - root), diffuse)
     tint = _clip(read_input_color(reader, port, "Specular Tint").mean)
     return replace(numbers, layer_tint=sum(tint) / 3.0, edge_rgb=tint, multiscatter=_scatters_often(port))
 
@@ -244,11 +244,11 @@ def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: 
 def _read_lobes(
     reader: ColorReader, port: Port, metallic: Color, others: tuple[Color, Color], has_layer: bool, name: str = "Roughness"
 ) -> Color | None:
-    """As of a Surface. What is rough in one place and not in another matters of metals alone: a layer reflects a twentieth of the light.
+    """As of a Surface. What is rough in one place and not in another matters of metals and glass: a layer reflects little.
 
     others   shares of the surface that are there, and that are glass where it is not metal
     """
-    if metallic.mean[0] <= 0.0:
+    if metallic.mean[0] <= 0.0 and others[1].mean[0] <= 0.0:
         return None
     rough = reader.read_factor(port.sibling(name), 0.5)
     if rough.image < 0 and metallic.image < 0:
@@ -267,12 +267,11 @@ def _clip(rgb: Rgb) -> Rgb:
     return red, green, blue
 
 
-def _read_roughness(reader: ColorReader, port: Port, matters: bool) -> float:
-    """The mean; what is replaced is noted only where it matters: a layer reflects a twentieth of the light, and metals have _read_lobes."""
+def _read_roughness(reader: ColorReader, port: Port) -> float:
+    """The mean, without a note: a layer reflects a twentieth of the light, and metals and glass have _read_lobes."""
     noted = len(reader.replaced)
     roughness = reader.read_number(port.sibling("Roughness"), 0.5)
-    if not matters:
-        del reader.replaced[noted:]
+    del reader.replaced[noted:]
     return min(max(roughness, 0.0), 1.0)
 
 
@@ -286,7 +285,7 @@ def _read_glossy(reader: ColorReader, port: Port) -> Surface:
     _note_lobe(reader, port)
     _note_normal(reader, port, is_mirror=True)
     color = read_input_color(reader, port, "Color")
-    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, multiscatter=_scatters_often(port), flat=True)
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port), diffuse=0.0, multiscatter=_scatters_often(port), flat=True)
     return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 
@@ -301,7 +300,7 @@ def _read_metallic(reader: ColorReader, port: Port) -> Surface:
     else:
         color, edge = read_input_color(reader, port, "Base Color"), _clip(read_input_color(reader, port, "Edge Tint").mean)
     often = _scatters_often(port)
-    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port, False), diffuse=0.0, edge_rgb=edge, multiscatter=often)
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port), diffuse=0.0, edge_rgb=edge, multiscatter=often)
     return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 
@@ -406,18 +405,34 @@ def _join_lobes(reader: ColorReader, port: Port, first: Surface, second: Surface
     varies = first.lobes is not None or second.lobes is not None
     if not (varies or (part is not None and part.image >= 0 and first.gloss.metal + second.gloss.metal > 0.0)):
         return None
+    glass, other_glass = first.bending.share, second.bending.share
 
     def join(one: FloatArray, two: FloatArray, part: FloatArray, rest: FloatArray) -> FloatArray:
-        here, there = np.clip(rest[..., :1], 0.0, 1.0) * one[..., 1:], np.clip(part[..., :1], 0.0, 1.0) * two[..., 1:]
-        rough = np.where(here.sum(axis=-1) >= there.sum(axis=-1), one[..., 0], two[..., 0])
+        part, rest = np.clip(part[..., :1], 0.0, 1.0), np.clip(rest[..., :1], 0.0, 1.0)
+        here, there = rest * one[..., 1:], part * two[..., 1:]
+        is_first = here.sum(axis=-1) + rest[..., 0] * glass >= there.sum(axis=-1) + part[..., 0] * other_glass
+        rough = np.where(is_first, one[..., 0], two[..., 0])
         return np.concatenate([rough[..., None], here + there], axis=-1)
 
-    both = [one.lobes or Color((one.gloss.roughness, one.gloss.metal, one.gloss.layer)) for one in (first, second)]
+    both = [one.lobes or Color((_find_roughness(one), one.gloss.metal, one.gloss.layer)) for one in (first, second)]
     parts = [Color(WHITE), Color(WHITE)] if part is None else [part, _complement(reader, port, part, "rest")]
     return reader.derive(port, join, [*both, *parts], "lobes")
 
 
+def _find_roughness(surface: Surface) -> float:
+    """Of what reflects or bends the most light."""
+    is_glass = surface.bending.share > surface.gloss.metal + surface.gloss.layer
+    return surface.bending.roughness if is_glass else surface.gloss.roughness
+
+
 def _read_transparent(reader: ColorReader, port: Port) -> Surface:
+    return Surface(passing=read_input_color(reader, port, "Color"))
+
+
+def _read_portal(reader: ColorReader, port: Port) -> Surface:
+    """Light goes straight on where nothing says whereto."""
+    if any(not port.sibling(name).is_value for name in ("Position", "Direction")):
+        reader.note(f"{port.node.name} is taken as transparent: light does not come out elsewhere")
     return Surface(passing=read_input_color(reader, port, "Color"))
 
 
@@ -429,12 +444,17 @@ def _read_holdout(reader: ColorReader, port: Port) -> Surface:
 def _read_glass(reader: ColorReader, port: Port) -> Surface:
     _note_lobe(reader, port)
     color = read_input_color(reader, port, "Color")
-    return Surface(glass=color, bending=_read_bending(reader, port, color.mean, True))
+    return Surface(glass=color, bending=_read_bending(reader, port, color.mean, True), lobes=_read_glass_lobes(reader, port))
 
 
 def _read_refraction(reader: ColorReader, port: Port) -> Surface:
     """It reflects nothing, not even totally."""
-    return Surface(glass=read_input_color(reader, port, "Color"), bending=_read_bending(reader, port, BLACK, False))
+    bending = _read_bending(reader, port, BLACK, False)
+    return Surface(glass=read_input_color(reader, port, "Color"), bending=bending, lobes=_read_glass_lobes(reader, port))
+
+
+def _read_glass_lobes(reader: ColorReader, port: Port) -> Color | None:
+    return _read_lobes(reader, port, _NOTHING, (Color(WHITE), Color(WHITE)), False)
 
 
 def _read_other(reader: ColorReader, port: Port) -> Surface:
@@ -499,5 +519,6 @@ _SHADERS: dict[str, Callable[[ColorReader, Port], Surface]] = {
     "BSDF_METALLIC": _read_metallic,
     "BSDF_GLASS": _read_glass,
     "HOLDOUT": _read_holdout,
+    "BSDF_RAY_PORTAL": _read_portal,
     "BSDF_REFRACTION": _read_refraction,
 }

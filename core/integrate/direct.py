@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,14 +72,14 @@ class DirectScene:
         seen = links.seen_rgb[DIFFUSE].any(axis=0)
         whole = {-1, *np.flatnonzero(seen & links.lit.all(axis=1) & links.blocks.all(axis=1)).tolist()}
         groups = [cells for _, cells in meshes.by_material if cells.link in whole]
-        pool, sealed = None, meshes.tri_sealed
+        pool, glowing = None, _turn(receiving, meshes)
         textured = any(snapshot.materials[index].emission_image >= 0 for index, _ in meshes.by_material)
         few = sum(len(np.unique(cells.tri)) for cells in groups) <= _MOST_TRIANGLE_SOURCES or not uses("emitter_pool")
         if few and not textured:
             for cells in groups:
-                sources += make_triangle_sources(cells, receiving.corner_unit, receiving.normal, sealed)
+                sources += make_triangle_sources(cells, glowing.corner_unit, glowing.normal, meshes.tri_sealed)
         else:
-            pool = EmitterPool.of(groups, receiving, unit_box.scale, surfaces, sealed)
+            pool = EmitterPool.of(groups, glowing, unit_box.scale, surfaces, meshes.tri_sealed)
         two_sided = np.array([scene_object.two_sided for scene_object in snapshot.objects], bool)
         # In Cycles diffuse rays find a uniform sky, shadow rays one that varies with direction.
         seen_sky, sky_rays = usable_environment(snapshot), rays
@@ -88,7 +88,7 @@ class DirectScene:
         sky = None if seen_sky is None else EnvironmentTable.of(seen_sky)
         environment = None if world else sky
         apart = [cells for _, cells in meshes.by_material if cells.link not in whole and seen[cells.link]]
-        linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links, apart, sealed))
+        linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links, apart, meshes))
         sources += [one.source for one in linked if not isinstance(one.source, EmitterPool)]
         pools = (*([pool] if pool else []), *(one.source for one in linked if isinstance(one.source, EmitterPool)))
         tri_two_sided = two_sided[snapshot.tri_object]
@@ -122,7 +122,7 @@ def _link_sources(
     receiving: ReceivingSurfaces,
     links: LightLinks,
     glows: Sequence[EmittingCells],
-    tri_sealed: NDArray[np.bool_],
+    meshes: EmittingMeshes,
 ) -> Iterator[_LinkedSource]:
     """Sources with light linking that diffuse surfaces see; `glows` are the emitting meshes among them."""
     for row in np.flatnonzero(links.seen_rgb[DIFFUSE].any(axis=0)):
@@ -135,7 +135,13 @@ def _link_sources(
             yield _LinkedSource(source, own_rays, links.lit[row])
         cells = [one for one in glows if one.link == row]
         if cells:
-            yield _LinkedSource(EmitterPool.of(cells, receiving, unit_box.scale, surfaces, tri_sealed), own_rays, links.lit[row])
+            pool = EmitterPool.of(cells, _turn(receiving, meshes), unit_box.scale, surfaces, meshes.tri_sealed)
+            yield _LinkedSource(pool, own_rays, links.lit[row])
+
+
+def _turn(receiving: ReceivingSurfaces, meshes: EmittingMeshes) -> ReceivingSurfaces:
+    """With the normals of the sides that glow."""
+    return replace(receiving, normal=np.where(meshes.tri_turned[:, None], -receiving.normal, receiving.normal))
 
 
 @dataclass(frozen=True)

@@ -48,10 +48,12 @@ class EmittingMeshes:
 
     by_material   (material, its cells) for every material that emits from a triangle with area
     tri_sealed    (n_tri,) bool: triangles that send no light from their backs, or whose backs are never seen, see sealed_solids
+    tri_turned    (n_tri,) bool: triangles that send light from their backs alone, which count as sealed with the opposite normal
     """
 
     by_material: tuple[tuple[int, EmittingCells], ...]
     tri_sealed: BoolArray
+    tri_turned: BoolArray
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot, surfaces: SurfaceMaterials) -> EmittingMeshes:
@@ -61,8 +63,8 @@ class EmittingMeshes:
             shines[cells.tri] = True
         passes = np.logical_or.reduce([surfaces.find_passing(kind)[0] for kind in RAY_KINDS])
         passes |= surfaces.find_glass() | surfaces.find_through()
-        dark = np.array([one.dark_back for one in snapshot.materials], bool)[snapshot.tri_material]
-        return cls(by_material, find_sealed(snapshot, shines, passes) | dark)
+        dark = np.array([(one.dark_back, one.dark_front) for one in snapshot.materials], bool).reshape(-1, 2)[snapshot.tri_material]
+        return cls(by_material, find_sealed(snapshot, shines, passes) | dark.any(axis=1), dark[:, 1])
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class MeshEmitter(Emitter):
 
     sides        (n_cell,) int8                    1 if there is no light from its back, or it is never seen; else 2
     tri_frame    (3, 3, n_tri) float32, unit box   of the whole scene, see triangle_frames
-    tri_normal   (3, n_tri) float32, unit
+    tri_normal   (3, n_tri) float32, unit           of the side that sends light, if only one does
     """
 
     cells: EmittingCells
@@ -213,6 +215,7 @@ def _mesh_emitters(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surface
     corner_unit = unit_box.to_unit(snapshot.tri_position)
     frame = triangle_frames(corner_unit)
     normal = np.ascontiguousarray(triangle_normals_areas(corner_unit)[0].T, np.float32)
+    normal[:, meshes.tri_turned] *= -1
     sides_of = np.where(meshes.tri_sealed, 1, 2).astype(np.int8)
     emitters = []
     for index, parts in meshes.by_material:

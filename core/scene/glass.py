@@ -20,6 +20,7 @@ from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, IntArr
 from ..util.geometry import gather
 from . import ggx
 from .ggx import LEAST_ALPHA, TINY
+from .gloss import RoughnessRows
 from .materials import SurfaceMaterials
 from .scene import SceneSnapshot
 
@@ -34,18 +35,22 @@ class Glass:
 
     tri_material   (n_tri,) int32
     tri_glass      (n_tri,) bool
-    alpha          (n_material,) float32: roughness squared; 0 for smooth glass
-    ior            (n_material,) float32
-    mirror         (3, n_material) float32: tint of the reflection, times the share of the surface that is glass
-    fresnel        (n_material,) bool: whether Fresnel's equations apply; else all light is refracted, and light that would be totally
+    tri_rough      (n_tri,) bool: triangles of glass that is rough anywhere
+    rows           rows of the tables
+    alpha          (n_row,) float32: roughness squared; 0 for smooth glass
+    ior            (n_row,) float32
+    mirror         (3, n_row) float32: tint of the reflection, times the share of the surface that is glass
+    fresnel        (n_row,) bool: whether Fresnel's equations apply; else all light is refracted, and light that would be totally
                    reflected is lost
-    kept           (2 * n_material * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine;
+    kept           (2 * n_row * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine;
                    1 without compensation
     """
 
     surfaces: SurfaceMaterials
     tri_material: Int32
     tri_glass: BoolArray
+    tri_rough: BoolArray
+    rows: RoughnessRows
     alpha: Float32
     ior: Float32
     mirror: Float32
@@ -58,7 +63,8 @@ class Glass:
         tri_glass = surfaces.find_glass()
         if not tri_glass.any():
             return None
-        materials = scene.materials
+        rows = RoughnessRows.of(scene)
+        materials = rows.materials
         alpha = np.array([one.glass_roughness**2 for one in materials], np.float32)
         alpha[alpha <= LEAST_ALPHA] = 0
         ior = np.array([max(one.glass_ior, _LEAST_IOR) for one in materials], np.float32)
@@ -69,11 +75,19 @@ class Glass:
             for one, a, n, f in zip(materials, alpha, ior, fresnel, strict=True)
             for front in (True, False)
         ]
-        return cls(surfaces, scene.tri_material, tri_glass, alpha, ior, mirror, fresnel, np.concatenate(kept).astype(np.float32))
-
-    def is_rough(self, tri: IntArray) -> BoolArray:
-        """(n,): triangles of rough glass."""
-        return gather(self.alpha, gather(self.tri_material, tri)) > 0
+        roughest = alpha[rows.first + rows.most - rows.least]
+        return cls(
+            surfaces,
+            scene.tri_material,
+            tri_glass,
+            (roughest > 0)[scene.tri_material],
+            rows,
+            alpha,
+            ior,
+            mirror,
+            fresnel,
+            np.concatenate(kept).astype(np.float32),
+        )
 
     def bend(
         self, tri: IntArray, u: FloatArray, v: FloatArray, direction: Float32, normal: Float32, is_front: BoolArray, numbers: Float32
@@ -85,21 +99,23 @@ class Glass:
         numbers     (3, n) float32, uniform in [0, 1)
         """
         material = gather(self.tri_material, tri)
-        alpha, ior = gather(self.alpha, material), gather(self.ior, material)
+        images = self.surfaces.has_lobe_images
+        row = self.rows.find(material, self.surfaces.lobes_at(tri, u, v)[:, 0]) if images else gather(self.rows.first, material)
+        alpha, ior = gather(self.alpha, row), gather(self.ior, row)
         eta = np.where(is_front, ior, 1 / ior)
         axes = ggx.find_axes(normal)
         local = ggx.view_along(direction, axes)
         local /= np.sqrt(ggx.dot(local, local))
         half = np.zeros_like(local)
         half[2] = 1
-        rough = (alpha > 0).nonzero()[0]
-        if len(rough):
-            half[:, rough] = ggx.sample_visible_normals(gather(local, rough), gather(alpha, rough), gather(numbers[:2], rough))
+        facets = (alpha > 0).nonzero()[0]
+        if len(facets):
+            half[:, facets] = ggx.sample_visible_normals(gather(local, facets), gather(alpha, facets), gather(numbers[:2], facets))
         cosine = np.clip(ggx.dot(local, half), 0, 1)
         share, cosine_out = ggx.reflectance(cosine, eta)
-        fresnel = gather(self.fresnel, material)
+        fresnel = gather(self.fresnel, row)
         # Without Fresnel's equations, light that would be totally reflected is lost.
-        mirrored = np.where(fresnel, share, 0) * gather(self.mirror, material)
+        mirrored = np.where(fresnel, share, 0) * gather(self.mirror, row)
         passed = np.where(fresnel, 1 - share, share < 1) * self.surfaces.glass_at(tri, u, v).T
         chance_m, chance_p = mirrored.max(axis=0), passed.max(axis=0)
         over = np.maximum(chance_m + chance_p, 1)
@@ -108,9 +124,9 @@ class Glass:
         crossed = ~is_mirrored & (numbers[2] < chance_m + chance_p)
         weight = np.where(is_mirrored, mirrored / np.maximum(chance_m, TINY), np.where(crossed, passed / np.maximum(chance_p, TINY), 0))
         out = np.where(is_mirrored, 2 * cosine * half - local, (cosine / eta - cosine_out) * half - local / eta)
-        if len(rough):
+        if len(facets):
             goes = np.where(is_mirrored, out[2], -out[2])
-            kept = ggx.look_up(self.kept, *ggx.find_place(2 * material.astype(np.intp) + ~is_front, local[2], _ENTRIES))
+            kept = ggx.look_up(self.kept, *ggx.find_place(2 * row.astype(np.intp) + ~is_front, local[2], _ENTRIES))
             factor = ggx.mask(local[2], goes, alpha) / np.maximum(kept, 1e-3)
             weight = np.where(alpha > 0, weight * factor, weight)
         turned = ggx.turn_back(out, axes)

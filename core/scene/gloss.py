@@ -111,7 +111,7 @@ class Sheen:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class RoughnessRows:
     """Rows of the tables by material.
 
     materials      the material of each row, with the row's roughness
@@ -125,7 +125,7 @@ class _Rows:
     most: Int32
 
     @classmethod
-    def of(cls, scene: SceneSnapshot) -> _Rows:
+    def of(cls, scene: SceneSnapshot) -> RoughnessRows:
         rows: list[Material] = []
         first, levels = [], []
         for material in scene.materials:
@@ -139,9 +139,16 @@ class _Rows:
             ends = np.nan_to_num(np.array([rough.min(), rough.max()]))
             least, most = np.rint(np.clip(ends, 0, 1) * _LEVELS).astype(int).tolist()
             levels.append((least, most))
-            rows += [replace(material, roughness=level / _LEVELS) for level in range(least, most + 1)]
+            steps = [level / _LEVELS for level in range(least, most + 1)]
+            rows += [replace(material, roughness=step, glass_roughness=step) for step in steps]
         least, most = np.array(levels, np.int32).reshape(-1, 2).T
         return cls(tuple(rows), np.array(first, np.int32), least, most)
+
+    def find(self, material: Int32, rough: Float32) -> Int32:
+        """(n,): rows of materials (n,) where images have a roughness (n,)."""
+        least = gather(self.least, material)
+        level = np.clip(np.rint(rough * np.float32(_LEVELS)).astype(np.int32), least, gather(self.most, material))
+        return gather(self.first, material) + level - least
 
 
 @dataclass(frozen=True)
@@ -173,7 +180,7 @@ class Gloss:
     surfaces: SurfaceMaterials
     tri_material: Int32
     tri_glossy: BoolArray
-    rows: _Rows
+    rows: RoughnessRows
     alpha: Float32
     ior: Float32
     layer: Float32
@@ -202,7 +209,7 @@ class Gloss:
         glossy = shiny[scene.tri_material] & reflects
         if not glossy.any():
             return None
-        found = _Rows.of(scene)
+        found = RoughnessRows.of(scene)
         rows = found.materials
         layer = np.array([one.layer for one in rows], np.float32)
         metal = np.array([one.metal if any(one.metal_rgb) else 0.0 for one in rows], np.float32)
@@ -253,9 +260,7 @@ class Gloss:
             row = gather(rows.first, material)
             return row, gather(self.metal, row), gather(self.layer, row)
         rough, metal, layer = self.surfaces.lobes_at(tri, u, v).T
-        least = gather(rows.least, material)
-        level = np.clip(np.rint(rough * np.float32(_LEVELS)).astype(np.int32), least, gather(rows.most, material))
-        row = gather(rows.first, material) + level - least
+        row = rows.find(material, rough)
         return row, metal * (gather(self.metal, row) > 0), layer
 
     def _find_dip(self, row: IntArray, color: Float32, share: Float32) -> Float32 | None:

@@ -49,7 +49,8 @@ class LightProbe:
         blocks &= ~np.array([_lets_light_pass(one) for one in snapshot.materials], bool)[snapshot.tri_material]
         # Other triangles lose their area, so that they are never hit but all keep their numbers.
         self._rays = RayScene(self.box.to_unit(np.where(blocks[:, None, None], self._corner, self._corner[:, :1])))
-        self._dark_back = np.array([one.dark_back for one in snapshot.materials], bool)[snapshot.tri_material]
+        dark = np.array([(one.dark_front, one.dark_back) for one in snapshot.materials], np.int8).reshape(-1, 2)[snapshot.tri_material]
+        self._glow_side = dark[:, 1] - dark[:, 0]  # 1 in front, -1 behind, 0 both
         self._lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
         sky = snapshot.world_map if snapshot.world_map is not None else np.array(snapshot.world_rgb)
         self._sky = float(np.mean(sky)) if np.isfinite(sky).all() else 0.0
@@ -143,7 +144,8 @@ class LightProbe:
         seen = seen[~blocked]
         distance_m = distance[seen] / self.box.scale
         sent = -dot_rows(direction[seen], normal[seen])
-        sent = np.where(self._dark_back[tri[chosen[seen]]], np.maximum(sent, 0.0), np.abs(sent))
+        only = self._glow_side[tri[chosen[seen]]]
+        sent = np.where(only == 0, np.abs(sent), np.maximum(only * sent, 0.0))
         form = facing[seen] * sent / distance_m.astype(np.float64) ** 2
         area = self.area[tri[chosen[seen]]]
         out[seen] = np.minimum(form * area, _MOST_FORM) / share[seen] * radiance[chosen[seen]]

@@ -79,6 +79,7 @@ class Material:
     passing_views: tuple[tuple[float, ...], ...] = ()
     back_rgb: Rgb = (1.0, 1.0, 1.0)  # factor on what the back reflects, relative to the front
     dark_back: bool = False  # the back emits nothing
+    dark_front: bool = False  # nor does the front
     normal_image: int = -1  # unit shading normals in world space instead of those at the corners; with normal_strength a normal map
     normal_strength: float | None = None  # of a normal map in tangent space, with values 0 to 1 as in its file, relative to tri_tangents
     metal_rgb: Rgb = (0.0, 0.0, 0.0)  # the part of the albedo that a metal reflects specularly
@@ -104,7 +105,7 @@ class Material:
     glass_image: int = -1
     glass_mirror_rgb: Rgb = (0.0, 0.0, 0.0)  # tint of what glass reflects, times the same share
     glass_fresnel: bool = True  # reflection follows Fresnel's equations; else nothing is reflected
-    glass_roughness: float = 0.0  # GGX's alpha is its square
+    glass_roughness: float = 0.0  # GGX's alpha is its square; in place of it the roughness of lobe_image, if there is one
     glass_multiscatter: bool = True
     glass_ior: float = 1.5  # index behind the faces over that before them
     through_rgb: Rgb = (0.0, 0.0, 0.0)  # the part of the albedo that leaves diffusely on the other side
@@ -113,7 +114,7 @@ class Material:
     @property
     def has_sides(self) -> bool:
         """Whether its front and its back differ."""
-        return bool(self.passing_views) or self.back_rgb != (1.0, 1.0, 1.0) or self.dark_back
+        return bool(self.passing_views) or self.back_rgb != (1.0, 1.0, 1.0) or self.dark_back or self.dark_front
 
     @property
     def images(self) -> tuple[int, ...]:

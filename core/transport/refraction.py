@@ -44,7 +44,7 @@ def bend_photons(
     place = gather(glass.tri_glass, tri).nonzero()[0]
     if not len(place):
         return None, nothing
-    count = np.where(glass.is_rough(gather(tri, place)), copies, 1)  # smooth glass would send all copies the same way
+    count = np.where(gather(glass.tri_rough, gather(tri, place)), copies, 1)  # smooth glass would send all copies the same way
     flux = gather(arrived.flux, place) / count.astype(np.float32)
     if copies > 1:
         place, flux = np.repeat(place, count), np.repeat(flux, count, axis=1)

@@ -8,7 +8,7 @@ from boxes import room_mesh
 from leaflight.core.scene.ggx import reflectance
 from leaflight.core.scene.glass import Glass
 from leaflight.core.scene.materials import SurfaceMaterials
-from leaflight.core.scene.scene import Light, Material
+from leaflight.core.scene.scene import Light, Material, TextureImage
 from safe_bakes import bake_and_audit
 from scenes import Mesh, box_mesh, make_scene, quad_scene, sphere_mesh
 
@@ -20,10 +20,11 @@ def make_glass(roughness=0.0, tint=(1.0,) * 3, ior=1.5, **changes):
     return Material("Glass", (0.0,) * 3, glass_rgb=tint, glass_mirror_rgb=(1.0,) * 3, glass_roughness=roughness, glass_ior=ior, **changes)
 
 
-def bend(material, cosine, is_front, n=100_000):
-    scene = replace(quad_scene(), materials=(material,))
+def bend(matter, cosine, is_front, n=100_000, tri=0):
+    """Rays on a triangle of a scene, or of a material."""
+    scene = replace(quad_scene(), materials=(matter,)) if isinstance(matter, Material) else matter
     glass = Glass.of(scene, SurfaceMaterials(scene))
-    tri, where = np.zeros(n, np.intp), np.full(n, 0.25, np.float32)
+    tri, where = np.full(n, tri, np.intp), np.full(n, 0.25, np.float32)
     direction = np.repeat(np.float32([[np.sqrt(1 - cosine**2)], [0], [-cosine]]), n, axis=1)
     normal = np.repeat(np.float32([[0], [0], [1]]), n, axis=1)
     numbers = np.random.default_rng(4).random((3, n)).astype(np.float32)
@@ -39,6 +40,17 @@ def test_reflectance_of_an_interface():
     assert 1 - inside == pytest.approx((1 - outside) / 1.5**2, abs=1e-4)  # reciprocity, Duntley 1942
     brewster = np.cos(np.arctan(1.5))
     assert reflectance(np.array([brewster]), np.array([1.5]))[0] == pytest.approx(0.5 * np.cos(2 * np.arctan(1.5)) ** 2)
+
+
+def test_glass_is_as_rough_as_an_image_says():
+    """Its first triangle is smooth, its second as rough as other glass."""
+    image = TextureImage("Rough", np.float32([[[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]]), closest=True)
+    uv = np.float32([[[0.25, 0.5]] * 3, [[0.75, 0.5]] * 3])
+    scene = replace(quad_scene(), materials=(make_glass(lobe_image=0),), images=(image,), tri_lobe_uv=uv)
+    for tri, roughness in enumerate((0.0, 0.5)):
+        one, other = bend(scene, 0.8, True, tri=tri), bend(make_glass(roughness), 0.8, True)
+        np.testing.assert_allclose(one.direction, other.direction, atol=1e-6)
+        np.testing.assert_allclose(one.weight, other.weight, atol=1e-6)
 
 
 @pytest.mark.parametrize("is_front", [True, False])

@@ -109,6 +109,10 @@ def test_a_back_reflects_and_glows_for_itself(tmp_path, direct):
         return bake_floor(tmp_path / place, floor_below(pane, lamp), direct, 150_000)[0]
 
     black, plain = bake("black", 0.0, 0.0, 0.0), bake("plain")
+    glow = [bake(f"glow {k}", 0.0, 0.0, 0.0, emission_rgb=(5.0,) * 3, dark_front=k == 1, dark_back=k == 2) for k in range(3)]
+    assert glow[1] == pytest.approx(glow[0], rel=1e-5 if direct == "rays" else 0.1)
+    assert glow[2] == pytest.approx(black, rel=1e-5 if direct == "rays" else 0.1)
+    assert (glow[0] - black).min() > 0.1 * black.max()
     told_apart = bake("apart", back_rgb=(0.0, 0.5, 1.0), emission_rgb=(0.2,) * 3, dark_back=True)
     assert (plain - black).min() > 0.02 * black.max()
     assert (told_apart - black) / (plain - black) == pytest.approx([0.0, 0.5, 1.0], abs=0.04 if direct == "rays" else 0.1)

@@ -56,9 +56,10 @@ What a material shows by the direction to the viewer (*Fresnel*, *Layer Weight*,
 through, and by side, as the mean over all directions, for light that is reflected or emitted. A warning names a glow that differs by
 direction. Rough diffuse surfaces (Oren-Nayar) reflect the right amount of light, alike in all directions.
 
-Metals are as rough as an image says, and as much of a surface is metal, point by point; the roughness of a dielectric layer counts by its
-mean. The Principled BSDF's Specular Tint tints the edges of metals, and scales what its layer reflects straight on by the mean of its
-channels. Normal maps count for light that arrives, for photons that go on, and for what metals and layers reflect.
+Metals and glass are as rough as an image says, and as much of a surface is metal, point by point; the roughness of a dielectric layer alone
+counts by its mean. The Principled BSDF's Specular Tint tints the edges of metals, and scales what its layer reflects straight on by the
+mean of its channels. Normal maps, bumps and displacements that are bumps only count for light that arrives, for photons that go on, and for
+what metals and layers reflect. Displacement that moves the surface is left out, and a warning names it; apply it as a modifier.
 
 Rough metal, gloss and glass give back the light that their facets scatter more than once where the shader's distribution is *Multiscatter
 GGX*, the default since Blender 4.0; files from before have *GGX*, which loses it.

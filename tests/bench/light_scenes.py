@@ -177,12 +177,12 @@ def _lit_by(make: Callable[[Scene], _Node]) -> Callable[[], None]:
 
 
 def _beside_colours(make: Callable[[Scene], _Node]) -> Callable[[], None]:
-    """A wall of 2 m lit by a sun that the floor does not see much of."""
+    """A wall of 2 m lit by a sun that the floor sees little of."""
 
     def build() -> None:
         scene = Scene()
         scene.add_square("Wall", scene.shade("Wall", make(scene)), 1.0, (0, 1.5, 1), (math.pi / 2, 0, 0))
-        scene.add_light("SUN", 5.0, (0, 0, 5), (1.2, 0, 0), 0.1)
+        scene.add_light("SUN", 5.0, (0, 0, 5), (1.5, 0, 0), 0.02)
 
     return build
 

@@ -139,7 +139,7 @@ class Scene:
         bpy.context.scene.collection.objects.link(obj)
         return obj
 
-    def add_light(self, kind: str, power: float, place: tuple[float, ...], turn: tuple[float, ...] = (0, 0, 0), size: float = 0.2) -> None:
+    def add_light(self, kind: str, power: float, place: tuple[float, ...], turn: tuple[float, ...] = (0, 0, 0), size: float = 0.2) -> Any:
         data = bpy.data.lights.new(kind, kind)
         data.energy = power
         if kind == "AREA":
@@ -153,6 +153,7 @@ class Scene:
         obj = bpy.data.objects.new(kind, data)
         obj.location, obj.rotation_euler = place, turn
         bpy.context.scene.collection.objects.link(obj)
+        return obj
 
     def add_sky(self, *rgb: float) -> None:
         world = bpy.data.worlds.new("World")

@@ -291,6 +291,19 @@ def test_metals_are_as_rough_as_an_image_says():
     lobes = np.stack([grey, np.ones_like(grey), np.zeros_like(grey)], axis=-1)
     np.testing.assert_allclose(table.images.images[material.lobe_image].pixels, lobes, atol=1e-4)
     assert material.metal_edge_rgb == pytest.approx((0.9, 0.5, 0.2))
+    # Glass, alone or in a mix, where no share is metal or has a layer.
+    glass, mix = paint.add("BsdfGlass"), paint.add("MixShader")
+    paint.feed(glass, Roughness=image.outputs[0])
+    output = next(node for node in paint.tree.nodes if node.type == "OUTPUT_MATERIAL")
+    paint.tree.links.new(glass.outputs[0], mix.inputs[2])
+    paint.tree.links.new(paint.add("BsdfTransparent").outputs[0], mix.inputs[1])
+    for shader in (glass, mix):
+        paint.tree.links.new(shader.outputs[0], output.inputs["Surface"])
+        table = MaterialTable(told)
+        lobes_of_glass = table.images.images[table.readings[table.index(paint.material)].material.lobe_image].pixels
+        np.testing.assert_allclose(lobes_of_glass, grey[..., None] * (1, 0, 0), atol=1e-4)
+    assert told == []
+    paint.tree.links.new(metal.outputs[0], output.inputs["Surface"])
     # Gold by its indices of refraction.
     metal.fresnel_type = "PHYSICAL_CONDUCTOR"
     metal.inputs["IOR"].default_value, metal.inputs["Extinction"].default_value = (0.18, 0.42, 1.37), (3.42, 2.35, 1.77)

@@ -563,9 +563,32 @@ def test_a_glow_is_known_to_leave_the_front_alone():
     front = tree.add("Invert", Color=tree.add("NewGeometry").outputs["Backfacing"])
     reading, _, warning = tree.show(tree.add("Emission", Strength=front.outputs[0])).read()
     assert (reading.material.emission_rgb, reading.material.dark_back, warning) == ((1.0,) * 3, True, "")
+    back = tree.add("NewGeometry").outputs["Backfacing"]
+    reading, _, warning = tree.show(tree.add("Emission", Strength=back)).read()
+    dark = reading.material.dark_front, reading.material.dark_back
+    assert (reading.material.emission_rgb, dark, warning) == ((1.0,) * 3, (True, False), "")
     reading, _, warning = tree.show(tree.add("Emission", Strength=facing(tree))).read()
     assert not reading.material.dark_back
     assert "in some directions more than in others" in warning
+
+
+def test_a_back_of_the_pattern_of_its_front_is_not_named():
+    tree = Tree()
+    picture = tree.add("BsdfDiffuse", Color=add_image(tree, make_image()[0]).outputs[0])
+    mixed, grey = tree.add("MixShader", Fac=tree.add("Fresnel").outputs[0]), tree.add("BsdfDiffuse")
+    tree.tree.links.new(picture.outputs[0], mixed.inputs[1])
+    assert "pattern" not in tree.show(mixed).read()[2]
+    tree.tree.links.new(grey.outputs[0], mixed.inputs[2])
+    assert "its back shows the pattern of its front" in tree.read()[2]
+
+
+def test_a_ray_portal_that_leads_nowhere_is_transparent():
+    tree = Tree()
+    portal = tree.add("BsdfRayPortal", Color=(0.9, 0.8, 0.7))
+    reading, _, warning = tree.show(portal).read()
+    assert (reading.material.passing_rgb, reading.material.albedo_rgb, warning) == (pytest.approx((0.9, 0.8, 0.7)), (0.0,) * 3, "")
+    tree.feed(portal, "Position", tree.add("NewGeometry").outputs["Position"])
+    assert "elsewhere" in tree.read()[2]
 
 
 def test_a_volume_below_a_surface_is_named_and_sides_are_told_apart():

@@ -262,6 +262,37 @@ def test_a_normal_map_is_read_in_the_world(flipped):
     assert not [text for _, text in result.warnings if "simplified" in text]
 
 
+def test_a_displacement_is_read_as_the_bump_that_cycles_shades():
+    """A slope of 0.5 along x, by twice the height of half a ramp."""
+    floor = add_floor()
+    floor.data.materials.clear()
+    material, tree, _ = add_material(floor)
+    material.displacement_method = "BUMP"
+    place, part, height = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "Displacement"))
+    tree.links.new(place.outputs["Object"], part.inputs[0])
+    tree.links.new(part.outputs["X"], height.inputs["Height"])
+    height.inputs["Scale"].default_value = 0.5
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    tree.links.new(height.outputs[0], output.inputs["Displacement"])
+    result = export_scene(bpy.context)
+    assert read_normals(result) == pytest.approx(np.tile(np.array([-0.5, 0.0, 1.0]) / np.sqrt(1.25), (2, 1)), abs=1e-2)
+    assert not [text for _, text in result.warnings if "simplified" in text]
+    material.displacement_method = "BOTH"
+    result = export_scene(bpy.context)
+    assert [text for _, text in result.warnings if text.endswith("simplified: displacement is left out")]
+    assert any(one.normal_image >= 0 for one in result.snapshot.materials)
+    tree.links.new(part.outputs["X"], output.inputs["Displacement"])
+    assert any("its bump by displacement is left out" in text for _, text in export_scene(bpy.context).warnings)
+
+
+def test_colours_by_reflection_are_left_to_the_reader():
+    _, tree, shader = add_material(add_floor())
+    place, checker = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeTexChecker")
+    tree.links.new(place.outputs["Reflection"], checker.inputs["Vector"])
+    tree.links.new(checker.outputs["Color"], shader.inputs["Base Color"])
+    assert any("simplified" in text for _, text in export_scene(bpy.context).warnings)
+
+
 def test_of_objects_that_only_cast_light_no_normals_are_read():
     floor, other = add_floor(), add_floor("Other")
     _, tree, shader = add_material(floor)

@@ -110,6 +110,20 @@ class TestBoxLamp(EmitterContract):
         assert (np.take_along_axis(offset * births.direction, axis, axis=1) > 0).all()
 
 
+class TestBackLamp(EmitterContract):
+    """Half a square metre that glows upwards, from its back."""
+
+    scene = lamp_scene()
+    scene = replace(scene, materials=tuple(replace(one, dark_front=any(one.emission_rgb)) for one in scene.materials))
+    power_w = tuple(math.pi * 0.5 * value for value in LAMP_RGB)
+
+    def test_light_leaves_the_back(self):
+        births = self.emitter().emit(numbers())
+        both = TestQuadLamp().emitter()
+        normal = both.tri_normal[:, both.cells.tri[0]]
+        assert (births.direction @ normal < 0).all()
+
+
 class TestPalette(EmitterContract):
     """Two triangles of one radiance each, which a texture gives them."""
 
