@@ -122,10 +122,10 @@ class Receivers:
             return f"is an instance; {_COPY}"
         if piece.kind == GEOMETRY or self._count[piece.source, GEOMETRY] in range(1, MAX_INSTANCES + 1):
             return f"its geometry nodes make instances; {_COPY}"
-        reason = "" if has_corners_of(obj.data, local) else find_modifier_reason(obj, uv_layer in local.layers)
-        if not reason and not obj.data.is_editable and uv_layer not in local.layers:
-            reason = f"its mesh is linked from another file; {_COPY}"
-        return reason
+        has_layer = uv_layer in local.layers
+        if not has_corners_of(obj.data, local) and (repeats_layer(obj) or not has_layer):
+            return f"its modifiers change its faces; {_COPY}"
+        return "" if obj.data.is_editable or has_layer else f"its mesh is linked from another file; {_COPY}"
 
     def keeps_corners(self, piece: Piece, local: LocalMesh) -> bool:
         """Whether the modifiers left the object's own corners as they are."""
@@ -135,20 +135,6 @@ class Receivers:
         if source not in self._warned:
             self._warned.add(source)
             self._warnings.append((source.name, text))
-
-
-def find_modifier_reason(obj: Any, has_layer: bool) -> str:
-    """Why an object whose modifiers change its corners needs a copy; "" when they hand on a layer that it has, each face once."""
-    culprit = None
-    for modifier in obj.modifiers:
-        if not modifier.show_render or modifier.type in _DEFORMING:
-            continue
-        if modifier.type not in _LAYER_KEEPING and not _moves_layer(modifier):
-            return f"its {_describe(modifier)} {_EFFECT.get(modifier.type, 'changes its faces')}; {_COPY}"
-        culprit = culprit or modifier
-    if has_layer:
-        return ""
-    return f"its {_describe(culprit)} changes its faces; {_COPY}" if culprit else f"its faces as shown are not those of its mesh; {_COPY}"
 
 
 def repeats_layer(obj: Any) -> bool:
@@ -166,12 +152,7 @@ def _moves_layer(modifier: Any) -> bool:
     return modifier.use_mirror_u or modifier.use_mirror_v or modifier.use_mirror_udim or bool(modifier.offset_u or modifier.offset_v)
 
 
-def _describe(modifier: Any) -> str:
-    return {"NODES": "geometry nodes modifier", "SUBSURF": "subdivision modifier"}.get(modifier.type) or modifier.bl_rna.name.lower()
-
-
 _LAYER_KEEPING = frozenset(("SUBSURF", "MULTIRES", "TRIANGULATE", "EDGE_SPLIT", "MASK", "DECIMATE", "WELD", "BEVEL", "BUILD"))
-_EFFECT = dict.fromkeys(("ARRAY", "MIRROR", "SOLIDIFY", "SCREW", "SKIN", "WIREFRAME"), "repeats the UV layer")
 _DEFORMING = frozenset(
     (
         *("ARMATURE", "CAST", "CURVE", "DISPLACE", "HOOK", "LAPLACIANDEFORM", "LATTICE", "MESH_DEFORM", "SHRINKWRAP", "SIMPLE_DEFORM"),

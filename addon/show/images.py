@@ -101,6 +101,16 @@ def remove_unused_images() -> None:
     remove_blocks(unused)
 
 
+def is_overexposed(image: bpy.types.Image) -> bool:
+    """Whether more than half of what a page shows is brighter than white."""
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    pixels = pixels.reshape(-1, image.channels)
+    covered = pixels[:, 3] > 0.0 if image.channels == 4 else slice(None)
+    brightest = pixels[covered, :3].max(axis=1)
+    return brightest.size > 0 and float(np.median(brightest)) > 1.0
+
+
 def follows_images(windows: Iterable[bpy.types.Window]) -> bool:
     """Whether every view of these windows draws an image anew by itself when its pixels change.
 

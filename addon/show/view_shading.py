@@ -10,13 +10,14 @@ from typing import Any
 import bpy
 
 from ..read import uv_layer
-from ..read.tags import local_objects, remove_mark
-from . import restore
+from ..read.tags import MADE, is_made, local_objects, remove_mark
+from . import materials_write, restore
+from .images import is_overexposed
 
 VIEWS = "leaflight_views"  # on a screen: by index of the area, how its view was before we changed it, and how we left it
 _KEPT = ("type", "color_type", "light")
 _SOLID = {"type": "SOLID", "color_type": "TEXTURE", "light": "FLAT"}
-_MATERIAL = {"type": "MATERIAL"}  # where objects have parts of a page: Solid cannot tell them
+_MATERIAL = {"type": "MATERIAL"}
 
 
 def hides_bake(context: bpy.types.Context) -> bool:
@@ -30,13 +31,24 @@ def hides_bake(context: bpy.types.Context) -> bool:
 def show_bake(screen: bpy.types.Screen, area: bpy.types.Area, scene: bpy.types.Scene) -> None:
     """Switch a view so that it shows the bake of the scene."""
     shading, index = area.spaces.active.shading, str(list(screen.areas).index(area))
-    wanted = _MATERIAL if any(uv_layer.PLACE in obj for obj in local_objects(scene.objects)) else _SOLID
+    wanted = _SOLID if _suits_solid(scene) else _MATERIAL
     kept = screen[VIEWS].to_dict() if VIEWS in screen else {}
     kept[index] = {"before": _read(shading), "after": {}}
     for name, value in wanted.items():
         setattr(shading, name, value)
     kept[index]["after"] = _read(shading)
     screen[VIEWS] = kept
+
+
+def _suits_solid(scene: bpy.types.Scene) -> bool:
+    """Whether Solid shows the bake as it is: it knows no objects' parts of a page, no gaps, and nothing brighter than white."""
+    wearers = [obj for obj in local_objects(scene.objects) if materials_write.is_shown(obj)]
+    materials = {slot.material for obj in wearers for slot in obj.material_slots if is_made(slot.material)}
+    return not (
+        any(uv_layer.PLACE in obj for obj in wearers)
+        or any(node.type == "BSDF_TRANSPARENT" and MADE in node for material in materials for node in material.node_tree.nodes)
+        or any(is_overexposed(image) for image in set(map(materials_write.find_image, wearers)) if image)
+    )
 
 
 def restore_views() -> None:

@@ -34,7 +34,7 @@ _PERHAPS_DARK = 0.3  # as the above, for the first estimate from few points
 _SEEN = 0.5  # a sheet's back may be visible if this share of its rays meets fronts
 
 TURNED = (
-    "looks into a solid with its front, where no light comes, so the light on its back is kept; flip its normals, or set Sides to Front"
+    "some faces look into a solid, where no light comes, so the light on their backs is kept; flip their normals, or set Sides to Front"
 )
 OPEN = "can be seen from both sides, but its lightmap has the light of the front; give it thickness, or set Sides to Both to add both up"
 

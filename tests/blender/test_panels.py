@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import PanelContext, add_mesh
+from blend_rooms import PanelContext, add_mesh, make_material
 from leaflight.addon.app import properties
 from leaflight.addon.app.bake_state import BakeState
 from leaflight.addon.app.estimate import Estimate
@@ -231,16 +231,35 @@ def test_a_view_that_the_user_changed_meanwhile_stays():
     assert area.spaces.active.shading.type == "WIREFRAME"
 
 
-def test_linked_duplicates_are_shown_in_material_preview():
-    """Solid view cannot tell their parts of a page."""
-    floor, screen = bpy.data.objects["Floor"], bpy.context.screen
-    again = floor.copy()
+def add_duplicate():
+    again = bpy.data.objects["Floor"].copy()
     again.location.z = 3.0
     bpy.context.collection.objects.link(again)
+
+
+def add_leaf():
+    material = make_material("Leaf")
+    tree = material.node_tree
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image = bpy.data.images.new("Leaf", 2, 2)
+    tree.links.new(texture.outputs["Alpha"], tree.nodes["Principled BSDF"].inputs["Alpha"])
+    bpy.data.objects["Cube"].data.materials.append(material)
+
+
+def light_up():
+    bpy.data.objects["Lamp"].data.energy *= 1000.0
+
+
+@pytest.mark.parametrize(("change", "kind"), [(None, "SOLID"), (add_duplicate, "MATERIAL"), (add_leaf, "MATERIAL"), (light_up, "MATERIAL")])
+def test_what_solid_view_cannot_show_is_shown_in_material_preview(change, kind):
+    """Objects' own parts of a page, gaps, and light that is brighter than white nearly everywhere."""
+    screen = bpy.context.screen
+    if change:
+        change()
     area = next(area for area in screen.areas if area.type == "VIEW_3D")
     bpy.ops.leaflight.bake()
     view_shading.show_bake(screen, area, bpy.context.scene)
-    assert area.spaces.active.shading.type == "MATERIAL"
+    assert area.spaces.active.shading.type == kind
 
 
 def test_a_reopened_file_says_what_it_wears(tmp_path):
