@@ -18,7 +18,7 @@ from .image_parts import find_frame
 from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, to_rgb
 from .node_formulas import lerp, to_grey
-from .node_ports import Port, describe
+from .node_ports import Port, describe, walk_sources
 from .object_attributes import NOTHING, RANDOM, find_shown, pick_output, shows_object, shows_view_layer
 from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object, depends_on_random
 from .tangent_normals import thin_out
@@ -109,6 +109,8 @@ class ColorReader:
                 self.note(f"{describe(port.node)} {TOO_MANY}")
             return color
         self.by_faces, self.by_object, self.replaced = True, self.by_object or by_object, before
+        if any(node.type == "AMBIENT_OCCLUSION" and not node.only_local for node in walk_sources(port)):
+            self.note("what other objects occlude (Ambient Occlusion) is left out")
         self.by_random = self.by_random or by_random
         return evaluated
 

@@ -15,10 +15,20 @@ _NAMED = 3  # of what is missing in a file
 def warn_left_out(view_layer: Any, warnings: Warnings) -> None:
     """Adds what is missing from linked files, overrides, volumes, and a working space that is not read."""
     _warn_working_space(warnings)
+    _warn_exposure(warnings)
     _warn_missing(warnings)
     _warn_overrides(view_layer, warnings)
     volumes = sorted(obj.name for obj in find_render_objects(view_layer) if obj.type == "VOLUME")
     warnings.extend((name, "its volume is left out: it casts neither light nor shadow") for name in volumes)
+
+
+def _warn_exposure(warnings: Warnings) -> None:
+    """Applied to the light, it would count twice where Cycles renders the baked scene."""
+    scene = bpy.context.scene
+    exposure = scene.cycles.film_exposure if scene.render.engine == "CYCLES" else 1.0
+    if exposure != 1.0:
+        text = f"Exposure {exposure:g} of the film (Render properties) is not in the images"
+        warnings.append(("", f"{text}: it brightens them where Cycles shows them"))
 
 
 def _warn_overrides(view_layer: Any, warnings: Warnings) -> None:

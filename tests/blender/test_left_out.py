@@ -32,6 +32,14 @@ def test_overrides_of_the_view_layer_are_named():
         assert [text[:21] for _, text in told("World")] == ["World Override Studio"]
 
 
+def test_an_exposure_of_the_film_is_named():
+    scene = bpy.context.scene
+    scene.render.engine, scene.cycles.film_exposure = "CYCLES", 2.0
+    assert [subject for subject, text in told("Exposure 2 of the film")] == [""]
+    scene.cycles.film_exposure = 1.0
+    assert told("film") == []
+
+
 def test_what_is_missing_in_a_linked_file_is_named(tmp_path):
     for number in range(4):
         bpy.data.objects.new(f"Prop{number}", bpy.data.meshes.new(f"Prop{number}"))

@@ -285,6 +285,15 @@ def test_a_displacement_is_read_as_the_bump_that_cycles_shades():
     assert any("its bump by displacement is left out" in text for _, text in export_scene(bpy.context).warnings)
 
 
+def test_occlusion_by_other_objects_is_named():
+    _, tree, shader = add_material(add_floor())
+    node = tree.nodes.new("ShaderNodeAmbientOcclusion")
+    tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+    for node.only_local in (False, True):
+        told = [text for _, text in export_scene(bpy.context).warnings if "Ambient Occlusion" in text]
+        assert len(told) == (not node.only_local)
+
+
 def test_colours_by_reflection_are_left_to_the_reader():
     _, tree, shader = add_material(add_floor())
     place, checker = tree.nodes.new("ShaderNodeTexCoord"), tree.nodes.new("ShaderNodeTexChecker")
