@@ -68,6 +68,7 @@ class Faces:
     matrix       (4, 4) float, object to world; None is the identity
     receives     whether they get a lightmap
     random       [0, 1], what an Object Info node calls Random
+    maker        evaluated object that makes the instance, None of what is none; number tells which of its instances it is
     """
 
     name: str
@@ -81,6 +82,8 @@ class Faces:
     matrix: Any = None
     receives: bool = True
     random: float = 0.0
+    maker: Any = None
+    number: int = 0
 
     @property
     def random_level(self) -> float:

@@ -19,7 +19,7 @@ from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, to_rgb
 from .node_formulas import lerp, to_grey
 from .node_ports import Port, describe, walk_sources
-from .object_attributes import NOTHING, RANDOM, find_shown, pick_output, shows_object, shows_view_layer
+from .object_attributes import NOTHING, RANDOM, can_read_instances, find_shown, pick_output, shows_object, shows_view_layer
 from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object, depends_on_random
 from .tangent_normals import thin_out
 from .texture_mapping import UV, UvMapping, read_mapping
@@ -52,7 +52,8 @@ class ColorReader:
     mended     what was no number, in order
     by_faces   whether what was read depends on the faces, or
     by_object  on the object that they are of, and
-    by_random  on its random number, which differs between instances
+    by_random  on its random number, which differs between instances, and
+    by_instance   on what geometry nodes give to instances
     ray        the kind of ray that sees the surface, of core.scene; by_ray tells whether what was read depends on it
     view       from where the surface is seen, see view_nodes; then images count by their means. None for the mean of all views of its
                front, or of its back (is_back); by_view tells whether what was read depends on it
@@ -69,7 +70,7 @@ class ColorReader:
         sky: tuple[Callable[[ColorReader, Port], Color | None], Mapping[str, float]] | None = None,
     ) -> None:
         self.images, self.faces, self.colors = images, faces, colors
-        self.by_faces = self.by_object = self.by_random = self.by_ray = self.by_view = self.is_back = False
+        self.by_faces = self.by_object = self.by_random = self.by_instance = self.by_ray = self.by_view = self.is_back = False
         self.view: float | None = None
         self.sky = sky
         self.ray = DIFFUSE
@@ -382,9 +383,13 @@ def _read_property(reader: ColorReader, port: Port) -> Color:
     owner = None if shows_view_layer(port) else reader.faces
     reader.by_object = reader.by_object or owner is not None
     reader.by_random = reader.by_random or port.socket.name == RANDOM
+    by_nodes = owner is not None and owner.is_instance and any(one.type == "NODES" for one in owner.source.modifiers)
+    reader.by_instance = reader.by_instance or (by_nodes and port.node.type == "ATTRIBUTE")
     rgba = find_shown(owner, port)
-    if not rgba and owner is not None and owner.is_instance and any(one.type == "NODES" for one in owner.source.modifiers):
-        reader.note(f"{describe(port.node)} {REPLACED_BY_GREY}, for what geometry nodes give their instances is not read; realize them")
+    if not rgba and by_nodes and not can_read_instances():
+        reader.note(
+            f"{describe(port.node)} {REPLACED_BY_GREY}, for what geometry nodes give instances is not read before Blender 5.0; realize them"
+        )
         return Color(TEXTURE_COLOR)
     if not rgba:
         name, path = owner.name if owner else "the view layer", port.node.attribute_name

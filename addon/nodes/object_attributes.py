@@ -48,8 +48,31 @@ def find_shown(faces: Faces | None, port: Port) -> Rgba | None:
         red, green, blue, alpha = (faces.source if faces.is_instance else faces.shown).color
         return red, green, blue, alpha
     if node.attribute_type == "INSTANCER" and faces.is_instance:
+        own = _find_of_instance(faces, node.attribute_name)
+        if own:
+            return own
         blocks.insert(0, faces.source)
     return find_rgba(blocks, node.attribute_name)
+
+
+def can_read_instances() -> bool:
+    """Whether what geometry nodes give to instances is known to scripts: from Blender 5.0 on."""
+    return hasattr(bpy.types.Object, "evaluated_geometry")
+
+
+def _find_of_instance(faces: Faces, name: str) -> Rgba | None:
+    """An attribute that geometry nodes give to instances."""
+    if faces.maker is None or not can_read_instances():
+        return None
+    geometry = faces.maker.evaluated_geometry()
+    points = geometry.instances_pointcloud()
+    attribute, ids = (points.attributes.get(one) if points else None for one in (name, "id"))
+    numbers = range(len(attribute.data)) if attribute else ()
+    place = next((place for place in numbers if ids.data[place].value == faces.number), -1) if ids else faces.number
+    if place not in numbers:
+        return None
+    found = (getattr(attribute.data[place], kind, None) for kind in ("color", "vector", "value"))
+    return next((rgba for rgba in map(_to_rgba, found) if rgba), None)
 
 
 def pick_output(rgba: Rgba, output: str) -> Rgb:

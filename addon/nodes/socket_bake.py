@@ -128,6 +128,8 @@ def _shows_random(node: Any) -> bool:
 def _is_unfit(node: Any) -> bool:
     if node.type in _UNFIT or (_shows_random(node) and not node.id_data.is_embedded_data):
         return True
+    if node.type == "ATTRIBUTE" and node.attribute_type == "INSTANCER":
+        return True
     if any(output.name in _FROM_VIEWER and output.is_linked for output in node.outputs):
         return True
     return node.type in ("TEX_IMAGE", "TEX_ENVIRONMENT") and (node.image is None or (not node.image.has_data and not all(node.image.size)))

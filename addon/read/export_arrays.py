@@ -64,7 +64,9 @@ def read_piece(piece: Piece, local: LocalMesh, materials: MaterialTable, receive
     worn = piece.source, piece.evaluated, piece.kind not in (OWN, CURVE, STRANDS)
     slot_material = np.zeros(len(slots), np.int32)
     for slot in used.tolist():
-        faces = Faces(piece.source.name, local, placed, slot, len(slots), *worn, piece.matrix, receives, piece.random)
+        faces = Faces(
+            piece.source.name, local, placed, slot, len(slots), *worn, piece.matrix, receives, piece.random, piece.maker, piece.number
+        )
         slot_material[slot] = materials.index(slots[slot], faces)
     is_strands = piece.kind == STRANDS
     readings = [materials.readings[index] for index in slot_material[used]]

@@ -21,6 +21,7 @@ SCATTER = "SCATTER"  # made by particles, or by the vertices or faces of a paren
 CURVE = "CURVE"  # the evaluated mesh of a curve, text, surface or metaball
 STRANDS = "STRANDS"  # hair, hair curves and point clouds
 
+_NO_NUMBER = 2**31 - 1  # of a level that an instance has not
 _SCATTERING = ("VERTS", "FACES")
 _STRANDED = ("CURVES", "POINTCLOUD")
 
@@ -33,6 +34,8 @@ class Piece:
     evaluated   evaluated object with the data, of type MESH or LIGHT; of kind STRANDS also CURVES or POINTCLOUD
     matrix      (4, 4) float64, object to world
     random      [0, 1], what an Object Info node calls Random
+    maker       evaluated object that makes the instance, None of what is none; and
+    number      which of its instances it is, or is in
     hair        which of its modifiers makes the strands of a mesh, -1 none
     """
 
@@ -42,6 +45,8 @@ class Piece:
     evaluated: Any
     matrix: NDArray[np.float64]
     random: float
+    maker: Any = None
+    number: int = 0
     hair: int = -1
 
     @property
@@ -67,6 +72,7 @@ def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
         key = (source.session_uid, original.session_uid, *identity)
         matrix = np.array(instance.matrix_world, np.float64)
         random = (instance.random_id % 2**32) / (2**32 - 1) if instance.is_instance else find_random(source.name)
+        of_maker = instance.parent, next((one for one in reversed(identity) if one != _NO_NUMBER), 0)
         if kind == SCATTER and not instance.particle_system and original.hide_render:
             continue
         if kind == COLLECTION:
@@ -76,12 +82,12 @@ def walk_pieces(view_layer: Any, depsgraph: Any) -> Iterator[Piece]:
                 continue
         if instance.show_particles and evaluated.type == "MESH" and view_layer.use_strand:
             for number in _list_hair(evaluated):  # which grows on an object that is not shown itself, too
-                yield Piece((*key, -1 - number), STRANDS, source, evaluated, matrix, random, number)
+                yield Piece((*key, -1 - number), STRANDS, source, evaluated, matrix, random, *of_maker, number)
         if evaluated.type == "CURVES" and not view_layer.use_strand:
             continue
         if not instance.show_self or (kind == OWN and _is_hidden_original(source)):
             continue
-        yield Piece(key, STRANDS if evaluated.type in _STRANDED else kind, source, evaluated, matrix, random)
+        yield Piece(key, STRANDS if evaluated.type in _STRANDED else kind, source, evaluated, matrix, random, *of_maker)
 
 
 def _list_hair(evaluated: Any) -> list[int]:

@@ -68,14 +68,16 @@ class MaterialTable:
         uid = material.session_uid if material else 0
         of_any, of_mesh, of_object = (uid, 0), (uid, id(faces.local) if faces else 0), (uid, *_identify(faces))
         of_random = (*of_object, faces.random_level) if faces else of_object
-        known = next((place for place in (of_any, of_mesh, of_object, of_random) if place in self._index), None)
+        of_instance = (*of_object, -1.0, faces.number) if faces else of_object
+        known = next((place for place in (of_any, of_mesh, of_object, of_random, of_instance) if place in self._index), None)
         if known is None:
             reader = ColorReader(self.images, faces, self.colors, self.baker, material)
             reading = self._read(reader, material)
             if (uid, reading) not in self._known:
                 self._known[uid, reading] = len(self.readings)
                 self.readings.append(reading)
-            known = of_random if reader.by_random else of_object if reader.by_object else of_mesh if reader.by_faces else of_any
+            ways = ((reader.by_instance, of_instance), (reader.by_random, of_random), (reader.by_object, of_object))
+            known = next((place for depends, place in ways if depends), of_mesh if reader.by_faces else of_any)
             self._index[known] = self._known[uid, reading]
         return self._index[known]
 

@@ -119,22 +119,44 @@ def test_the_colour_of_object_info_is_the_viewports(is_instance, expected, tmp_p
     assert render_glow(tmp_path) == pytest.approx(expected, rel=1e-5)
 
 
-def test_what_geometry_nodes_may_give_their_instances_is_grey_and_named():
+@pytest.mark.parametrize("numbered", [False, True])
+def test_what_geometry_nodes_give_their_instances_is_read(numbered):
+    """Each instance glows as a third of its number; with ids of their own, which the instances are known by, as well."""
     obj = show_property("INSTANCER")
     group = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     kinds = ("NodeGroupOutput", "GeometryNodeMeshLine", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints")
     end, line, info, scatter = (group.nodes.new(kind) for kind in kinds)
-    info.inputs["Object"].default_value = obj
-    group.links.new(line.outputs[0], scatter.inputs["Points"])
+    info.inputs["Object"].default_value, line.inputs["Count"].default_value = obj, 3
+    third, store, number, own = (
+        group.nodes.new(kind)
+        for kind in ("ShaderNodeMath", "GeometryNodeStoreNamedAttribute", "GeometryNodeInputIndex", "GeometryNodeSetID")
+    )
+    third.operation, third.inputs[1].default_value = "DIVIDE", 3.0
+    store.domain, store.inputs["Name"].default_value = "INSTANCE", "x"
+    group.links.new(line.outputs[0], own.inputs[0])
+    if numbered:
+        shifted = group.nodes.new("ShaderNodeMath")
+        shifted.inputs[1].default_value = 5.0
+        group.links.new(number.outputs[0], shifted.inputs[0])
+        group.links.new(shifted.outputs[0], own.inputs["ID"])
+    group.links.new((own if numbered else line).outputs[0], scatter.inputs["Points"])
     group.links.new(info.outputs["Geometry"], scatter.inputs["Instance"])
-    group.links.new(scatter.outputs[0], end.inputs[0])
+    group.links.new(number.outputs[0], third.inputs[0])
+    group.links.new(scatter.outputs[0], store.inputs[0])
+    group.links.new(third.outputs[0], next(one for one in store.inputs if one.name == "Value" and one.enabled))
+    group.links.new(store.outputs[0], end.inputs[0])
     holder = bpy.data.objects.new("Holder", bpy.data.meshes.new("Nothing"))
     holder.modifiers.new("Scatter", "NODES").node_group = group
     bpy.context.scene.collection.objects.link(holder)
     glow, told = read_glow()
-    assert [0.5, 0.5, 0.5] in glow.values()
-    assert "what geometry nodes give their instances is not read" in told
+    shown = sorted(value[0] for name, value in glow.items() if name.startswith("Holder"))
+    if bpy.app.version >= (5, 0, 0):
+        assert shown == pytest.approx([0.0, 1 / 3, 2 / 3])
+        assert "geometry nodes" not in told
+    else:
+        assert shown == [0.5] * 3
+        assert "what geometry nodes give instances is not read before Blender 5.0" in told
 
 
 def test_objects_of_one_mesh_and_material_differ():
