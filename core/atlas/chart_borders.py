@@ -5,8 +5,6 @@ and loops around holes, none of which crosses itself or another, has winding num
 Source: Lipman 2014, "Bijective mappings of meshes with boundary and the degree in mesh processing", section 4.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..scene.topology import join_sets

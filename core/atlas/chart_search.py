@@ -1,7 +1,5 @@
 """Charts of all receiving objects before packing: unwrapped, or from an existing UV layer."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Layout of all receiving triangles on pages: unwrapped and packed, or from an existing UV layer."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """The greatest density at which charts fit one page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ density ~ area^-1/4. Together they share at most half of the page, and none is r
 one density. So large objects keep at least half of their texels, or 71 % of their density, and a page without small objects is unchanged.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

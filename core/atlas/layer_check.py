@@ -1,7 +1,5 @@
 """Charts of a UV layer, and checks of a layer that was made elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ Measured against xatlas's own packer (100 and 1,000 rectangles, 1,024 texels, pa
 63 and 34 %, at the same speed; and the density is exact, where xatlas stretches every chart to whole texels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -2,8 +2,6 @@
 their charts are packed once, then moved and scaled as one.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, insort
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Charts of objects in metres, by xatlas. Polygons that it leaves out or gets wrong become charts of their own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Requests to xatlas for objects' charts, and the reading of its results."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import Future

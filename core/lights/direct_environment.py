@@ -8,8 +8,6 @@ is seen only through openings, such as windows, neighbours share the estimate of
 Rays that are part of the estimate improve the probabilities of later ones, which stay independent of the rays they are used for.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

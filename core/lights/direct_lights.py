@@ -3,8 +3,6 @@
 A source holds lights of one kind, a row each in its arrays; rows() makes of it one that has a row for each receiver.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence

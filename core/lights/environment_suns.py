@@ -3,8 +3,6 @@
 Every texel sends shadow rays to a sun light, which keeps shadows sharp; sampled as cells of the map, a sun would add variance.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

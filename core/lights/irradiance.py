@@ -3,8 +3,6 @@
 All lengths have the same unit. Receivers are points with a unit normal; only light from that side counts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 Each has values, for files of numbers, and a look, for pictures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cached_property
 

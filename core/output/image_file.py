@@ -1,7 +1,5 @@
 """Image files: EXR, HDR, PNG and PNG with encoded light, by OpenImageIO, which every Blender has. The only module that imports it."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import sys

@@ -1,7 +1,5 @@
 """Disk space for images: a warning before the bake if it is short, and another folder if writing fails at the end."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Callable

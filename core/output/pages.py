@@ -1,7 +1,5 @@
 """Writes pages as image files: every pass in every requested format, and their entries in the report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Report on a bake's objects, cost and memory."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

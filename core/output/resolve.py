@@ -4,8 +4,6 @@ Pages are (height, width, 4) float32, row 0 at the bottom; alpha is 1 where a ch
 their units: docs/units.md.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 

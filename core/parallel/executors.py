@@ -1,7 +1,5 @@
 """Executors of shards: in this process alone, in several processes of this machine, or on a cluster."""
 
-from __future__ import annotations
-
 import atexit
 import multiprocessing
 import os

@@ -3,8 +3,6 @@
 A shard of work is a pure function of (folders, settings, round, shard): it names its folders, and the process that runs it opens them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import ParamSpec, TypeVar, cast

@@ -1,7 +1,5 @@
 """Reasons why no light reaches an object: another object encloses the lamps or the object itself."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -4,8 +4,6 @@ Source: Walter et al. 2007, "Microfacet models for refraction through rough surf
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function".
 """
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

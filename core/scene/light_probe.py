@@ -1,7 +1,5 @@
 """Rough estimates of irradiance at points before a bake: good enough to distinguish lit from unlit surfaces, too noisy to be shown."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

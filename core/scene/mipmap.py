@@ -3,8 +3,6 @@
 Source: Williams 1983, "Pyramidal Parametrics".
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

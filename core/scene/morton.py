@@ -1,7 +1,5 @@
 """Morton codes of cells of space and orientation; the leading bits of a code are those of the enclosing cells."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..util.arrays import FloatArray, Int64, IntArray

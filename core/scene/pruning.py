@@ -1,7 +1,5 @@
 """Removes lights without power or reach, and replaces textures of one colour by constants, before any ray is traced."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Units are metres and watts; colours are linear Rec.709 RGB; coordinates are in world space, +Z up. An index of -1 means none.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias

@@ -4,8 +4,6 @@ Only certain cases count: loose parts that are closed and convex, have outward n
 convex may intersect itself, so that a back is visible from outside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -7,8 +7,6 @@ Source: Zeltner, Burley & Chiang 2022, "Practical multiple-scattering sheen usin
 "Real-time polygonal-light shading with linearly transformed cosines".
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cuts slender triangles across into compact parts, since the centroid of a long triangle is a poor proxy for its light."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..util.ablation import uses

@@ -1,7 +1,5 @@
 """Files of a SceneSnapshot: one .npz of plain arrays, one of which is a JSON header; no pickle."""
 
-from __future__ import annotations
-
 import json
 import math
 import zipfile

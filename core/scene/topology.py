@@ -1,7 +1,5 @@
 """Connectivity of meshes: shared corners, shared sides and connected sets of triangles."""
 
-from __future__ import annotations
-
 from threading import Lock
 
 import numpy as np

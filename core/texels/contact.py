@@ -4,8 +4,6 @@ The preview of a large node averages over such small shadows and so misses them,
 describes in section 4; its remedy, forced subdivision (3.7), needs these texels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..scene.rays import RayScene

@@ -5,8 +5,6 @@ their mean, where image filters expect the light of the side that holds its cent
 shares an edge with the floor, though the floor is flat there.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

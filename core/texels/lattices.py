@@ -1,7 +1,5 @@
 """Lattices on which the filter runs: all texels of a page, and where quads share a sample, one texel of each quad."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product

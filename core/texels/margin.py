@@ -1,7 +1,5 @@
 """Extends colours beyond the edges of charts, so that filtering and mip levels do not mix in the empty page."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,8 +3,6 @@
 Light is the same on both sides of smooth-shaded edges, and between flat faces in one plane.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

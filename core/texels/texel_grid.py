@@ -1,7 +1,5 @@
 """Dense lookup from (triangle, page texel) to texel entry, one run of cells per chart and row of texels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

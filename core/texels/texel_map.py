@@ -1,7 +1,5 @@
 """The covered texels of all charts: their moments, points of a texel on triangles, and the texel of a hit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Search for contacts by all processes of a machine, each with whole charts, since no contact spans two charts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Energy audit and cost of a bake."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Specular reflection of photons and gather rays by metals and dielectric layers."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

@@ -7,8 +7,6 @@ SPLIT photons there, each with its share of the flux and its own direction. Sour
 synthesis" (splitting).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

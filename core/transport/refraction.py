@@ -4,8 +4,6 @@ Photons follow the adjoint of Cycles' rays: Cycles leaves the radiance of a refr
 (n / n')^2 (Veach 1997, 5.2). On the way into a closed solid and out of it the factors cancel; behind a single face they do not.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..scene.glass import Bent, Glass

@@ -3,8 +3,6 @@
 Neither depends on the clock or the number of workers, so the same seed gives the same bytes.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """The scene of a bake, loaded from the files in its folder and prepared for rays."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from pathlib import Path

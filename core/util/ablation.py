@@ -4,8 +4,6 @@ This is a development setting, not an option for users: the environment variable
 bake, and all of its processes inherit it. MECHANISMS lists the names; `make bench-ablation` bakes without each of them.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """One number for the three channels of light, for comparisons of amounts of light."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import Float64, FloatArray

@@ -1,7 +1,5 @@
 """Exact clipping of triangles against a grid of texels, and polynomial moments of the clipped parts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

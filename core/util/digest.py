@@ -1,7 +1,5 @@
 """Digests of bytes, files and the core's own code."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable
 from functools import lru_cache

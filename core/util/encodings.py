@@ -5,8 +5,6 @@ the multiplier changes from texel to texel. LogLuv needs no range, but splits a 
 filtered. Shader code and error bounds: docs/output.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Names of image files, from a pattern that the user may choose; they are valid on every system."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Atomic writing of files, and reading of untrusted files with limits."""
 
-from __future__ import annotations
-
 import json
 import os
 import zipfile

@@ -1,7 +1,5 @@
 """Tuning of how the memory allocator keeps freed memory."""
 
-from __future__ import annotations
-
 import ctypes
 import platform
 

@@ -1,7 +1,5 @@
 """Messages of the core to the calling process: one JSON object per line. All kinds are defined here."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias

@@ -3,8 +3,6 @@
 A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype; points (n, k) are views of (k, n) rows. Each pdf names its measure.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 

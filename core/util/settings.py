@@ -3,8 +3,6 @@
 The command line (addon/app/arguments.py) and the panel (addon/app/properties.py) are generated from these fields.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Blender's layout: row 0 looks straight down, the last row up; columns go from -X by +Y, +X and -Y back to -X.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

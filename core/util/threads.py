@@ -1,7 +1,5 @@
 """Work on texel entries by threads of this process, which run in parallel while numpy and embree release the interpreter lock."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

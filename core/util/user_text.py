@@ -1,7 +1,5 @@
 """Grouping of warnings: each sentence with all objects that it concerns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
