@@ -22,7 +22,7 @@ from ..integrate.texel_light import glance_at
 from ..output.image_file import HALF_MAX
 from ..parallel.executors import InlineExecutor
 from ..scene.materials import SurfaceMaterials
-from ..texels.margin import fill_margin
+from ..texels.margin import add_margin
 from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
 from ..util.messages import Message, Preview
@@ -126,7 +126,7 @@ class PreviewPages:
         flat[self._cell, 3] = 1.0
         pages = flat.reshape(self._pages, side, side, 4)
         for pixels in pages:
-            pixels[..., :3] = fill_margin(pixels[..., :3], pixels[..., 3] > 0.0, self._margin)
+            add_margin(pixels[..., :3], pixels[..., 3] > 0.0, self._margin)
         return [pixels.astype(np.float16) for pixels in pages]
 
     def _path(self, page: int, turn: int) -> Path:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..integrate.light_field import LightField
 from ..radiosity.quadtree import node_of_texel
-from ..texels.margin import fill_margin
+from ..texels.margin import add_margin
 from ..texels.texel_map import TexelMap
 from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
 from .image_file import srgb_to_linear
@@ -99,8 +99,8 @@ class DebugPages:
 
     def _finish(self, colour: Float32, covered: BoolArray) -> Float32:
         image = np.zeros((*covered.shape, 4), np.float32)
-        image[..., :3] = fill_margin(np.where(covered[..., None], colour, np.float32(0)), covered, self._margin)
-        image[..., 3] = covered
+        image[covered, :3], image[..., 3] = colour[covered], covered
+        add_margin(image[..., :3], covered, self._margin)
         return image
 
 

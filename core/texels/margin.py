@@ -9,13 +9,6 @@ _EMPTY, _FILLED, _QUEUED, _OUTSIDE = range(4)  # the first two equal the values 
 _BAND = 128  # rows processed at once: the intermediate arrays fit the cache
 
 
-def fill_margin(page: Float32, covered: BoolArray, texels: int) -> Float32:
-    """A copy of the page with its margin; arguments as for add_margin."""
-    out = page.copy()
-    add_margin(out, covered, texels)
-    return out
-
-
 def add_margin(page: Float32, covered: BoolArray, texels: int) -> None:
     """Sets uncovered texels up to `texels` steps from a covered one to the mean of their neighbours nearer to it; others stay.
 

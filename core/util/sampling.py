@@ -1,6 +1,6 @@
-"""Random streams, low-discrepancy points, warps from the unit square with their pdfs, and the alias table.
+"""Random streams, low-discrepancy points, warps from the unit square, and the alias table.
 
-A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype; points (n, k) are views of (k, n) rows. Each pdf names its measure.
+A warp takes u (n, 2) float, uniform in [0, 1), and keeps its dtype; points (n, k) are views of (k, n) rows.
 """
 
 import functools
@@ -143,11 +143,6 @@ def square_to_uniform_disk(u: FloatArray) -> FloatArray:
     return stack_columns(across + swap, along - swap)
 
 
-def uniform_disk_pdf() -> float:
-    """Density of square_to_uniform_disk, per area."""
-    return 1 / math.pi
-
-
 def square_to_cosine_hemisphere(u: FloatArray) -> FloatArray:
     """Unit directions around +Z with density cos(theta)/pi per steradian.
 
@@ -159,27 +154,13 @@ def square_to_cosine_hemisphere(u: FloatArray) -> FloatArray:
     return stack_columns(x, y, np.sqrt(np.maximum(0, 1 - (x * x + y * y))))
 
 
-def cosine_hemisphere_pdf(cosine: FloatArray) -> FloatArray:
-    """Density of square_to_cosine_hemisphere, per steradian, at the cosine to +Z."""
-    return np.maximum(cosine, 0) / math.pi
-
-
 def square_to_uniform_cone(u: FloatArray, half_angle_rad: float) -> FloatArray:
     """Unit directions within an angle of +Z, pi for all, uniform per steradian; precise in float32 for angles as small as the sun's.
 
     u     (n, 2) float, uniform in [0, 1)
     out   (n, 3) float, unit
     """
-    return directions_from_height(u[:, 0] * _one_minus_cosine(half_angle_rad), u[:, 1])
-
-
-def uniform_cone_pdf(half_angle_rad: float) -> float:
-    """Density of square_to_uniform_cone inside its cone, per steradian."""
-    return 1 / (2 * math.pi * _one_minus_cosine(half_angle_rad))
-
-
-def _one_minus_cosine(angle_rad: float) -> float:
-    return 2 * math.sin(angle_rad / 2) ** 2
+    return directions_from_height(u[:, 0] * (2 * math.sin(half_angle_rad / 2) ** 2), u[:, 1])
 
 
 def directions_from_height(drop: FloatArray, turn: FloatArray) -> FloatArray:
@@ -199,11 +180,6 @@ def square_to_uniform_triangle(u: FloatArray) -> FloatArray:
     a, b = u[:, 0], u[:, 1]
     overlap = np.minimum(a, b) / 2
     return stack_columns(a - overlap, b - overlap)
-
-
-def uniform_triangle_pdf(area: float) -> float:
-    """Density of square_to_uniform_triangle on a triangle of that area, per area."""
-    return 1 / area
 
 
 class AliasTable:

@@ -155,17 +155,7 @@ def tabulate_worth(scenes: Sequence[SceneTrials], mechanisms: Iterable[str]) -> 
         rows.append([name, *ratios, *told, f"{worth.changed} of {worth.scenes}", said])
     low, high = HONEST
     return Table(
-        (
-            "without",
-            "error",
-            "CPU s",
-            "error² x CPU s",
-            "standard errors",
-            "stated / real",
-            f"in {low} - {high}",
-            "changed",
-            "verdict",
-        ),
+        ("without", "error", "CPU s", "error² x CPU s", "standard errors", "stated / real", f"in {low} - {high}", "changed", "verdict"),
         rows,
     )
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from image_io_path import add_image_io
 from leaflight.core.output.image_file import read_image, write_image
-from leaflight.core.texels.margin import fill_margin
+from leaflight.core.texels.margin import add_margin
 from tables import Table, fill_page
 from zoo_bakes import bake_leaflight, find_file
 from zoo_reference import PageReference, Subject, find_reference
@@ -72,7 +72,8 @@ def draw_pair(subject: Subject, value: np.ndarray, reference: PageReference, fol
         image, view = folder / f"{name}.exr", folder / f"{name}.png"
         page = np.zeros((*reference.covered.shape, 3), np.float32)
         page[reference.covered] = light * np.float32(0.6 / bright)
-        write_image(image, fill_margin(page, reference.covered, _MARGIN), {}, "exr")
+        add_margin(page, reference.covered, _MARGIN)
+        write_image(image, page, {}, "exr")
         subprocess.run(
             [sys.executable, __file__, "--view", str(subject.folder), str(image), str(view)], check=True, stdout=subprocess.DEVNULL
         )

@@ -276,8 +276,7 @@ HINTS = [
 
 KNOBS = [
     Choice(
-        f"**the defaults**: {DEFAULTS.basis}, {DEFAULTS.oracle}, stability {DEFAULTS.stability}, preview depth {DEFAULTS.preview_depth}",
-        {},
+        f"**the defaults**: {DEFAULTS.basis}, {DEFAULTS.oracle}, stability {DEFAULTS.stability}, preview depth {DEFAULTS.preview_depth}", {}
     ),
     Choice("the same, seed 2", {"seed": 2}),
     Choice("guided photons", {"guided": True}),

@@ -144,14 +144,6 @@ def test_errors_are_honest(light):
     assert runs[0].variance_rgb[:, 0] == pytest.approx(runs[0].variance_rgb[:, 1] * (light.power_rgb[0] / light.power_rgb[1]) ** 2)
 
 
-def test_the_same_numbers_from_the_same_stream():
-    scene = replace(lit_scene([BLOCK], [PANEL, BULB]), world_rgb=(0.1, 0.1, 0.1))
-    first, again, other = (light_floor(scene, SIDE, seed=seed) for seed in (3, 3, 4))
-    assert np.array_equal(first.irradiance_rgb, again.irradiance_rgb)
-    assert first.counters == again.counters
-    assert not np.array_equal(first.irradiance_rgb, other.irradiance_rgb)
-
-
 def test_no_texels_and_no_lights():
     scene, _, _ = prepare(lit_scene())
     assert direct_irradiance(scene, floor_footprints(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
@@ -178,10 +170,6 @@ class TestBesideOtherLight:
         error2 = np.mean([(red(run) - truth) ** 2 for run in beside], axis=0)
         assert np.sqrt((error2 / (truth + level[0]) ** 2).mean()) < tolerance
         assert np.mean([red(run).mean() for run in beside]) == pytest.approx(truth.mean(), rel=0.01)
-
-    def test_none_of_it_changes_nothing(self):
-        none, dark = (light_floor(self.scenes[0], SIDE, beside=other) for other in (None, np.zeros(SIDE**2, np.float32)))
-        np.testing.assert_array_equal(none.irradiance_rgb, dark.irradiance_rgb)
 
     @pytest.mark.parametrize("options", [{}, {"crossed": np.arange(SIDE**2) % 2 == 1}])
     def test_each_texel_has_its_own(self, options, monkeypatch):

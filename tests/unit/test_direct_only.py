@@ -85,10 +85,7 @@ def test_what_is_stated_below_an_opening_is_what_the_light_is_off(below_hatch, h
     hold("floor below a hatch, no indirect light: stated error / error", np.sqrt(np.mean(stated2) / np.mean(real2)), low=0.8, high=1.3)
 
 
-@pytest.mark.parametrize(
-    ("options", "why"),
-    [({"should_stop": lambda: True}, "interrupted"), ({"time_limit": 1e-9}, "time_limit")],
-)
+@pytest.mark.parametrize(("options", "why"), [({"should_stop": lambda: True}, "interrupted"), ({"time_limit": 1e-9}, "time_limit")])
 def test_it_can_be_stopped(tmp_path, monkeypatch, options, why):
     monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
     light = settle(tmp_path, error=1e-3, **options)

@@ -67,8 +67,7 @@ def test_what_the_user_set_stays_relative_to_the_others():
 
 
 @pytest.mark.parametrize(
-    ("options", "expected"),
-    [({}, True), ({"even_out": False}, False), ({"density": 20.0}, False), ({"atlas": False}, False)],
+    ("options", "expected"), [({}, True), ({"even_out": False}, False), ({"density": 20.0}, False), ({"atlas": False}, False)]
 )
 def test_it_acts_only_where_nobody_chose_a_density(options, expected):
     scene = make_scene(level_meshes())

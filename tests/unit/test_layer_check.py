@@ -85,12 +85,7 @@ def test_each_fault_is_found_and_counted():
     uv[10:12, :, 1] *= 0.1
     found = check(uv, scene)
     starts = [sentence.split(" the ")[0] for sentence in found.findings]
-    assert starts == [
-        "1 face without a valid position in",
-        "2 faces outside",
-        "1 face without an area in",
-        "1 face mirrored in",
-    ]
+    assert starts == ["1 face without a valid position in", "2 faces outside", "1 face without an area in", "1 face mirrored in"]
     np.testing.assert_array_equal(np.flatnonzero(~found.usable), [0, 2, 3, 4, 5, 6, 7])
 
 

@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from leaflight.core.texels.margin import add_margin, fill_margin
+from leaflight.core.texels.margin import add_margin
+
+
+def fill_margin(page: np.ndarray, covered: np.ndarray, texels: int) -> np.ndarray:
+    add_margin(out := page.copy(), covered, texels)
+    return out
 
 
 def test_between_two_charts_is_their_mean() -> None:

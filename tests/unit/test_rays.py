@@ -99,10 +99,7 @@ except MemoryError as reason:
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the limit is set from the address space that Linux tells in /proc")
-@pytest.mark.parametrize(
-    ("loaded", "n_triangles", "room_mb"),
-    [(False, 1, 20), (True, 1, 150), (True, 300_000, 200)],
-)
+@pytest.mark.parametrize(("loaded", "n_triangles", "room_mb"), [(False, 1, 20), (True, 1, 150), (True, 300_000, 200)])
 def test_little_memory_is_told_where_embree_would_end_the_process(loaded, n_triangles, room_mb):
     code = _LITTLE_ROOM.format(loaded=loaded, n_triangles=n_triangles, room=room_mb << 20)
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -28,23 +28,19 @@ def _solid_angle_bins(lowest, pdf_at_cosine):
 
 
 WARPS = {
-    "disk": (
-        sampling.square_to_uniform_disk,
-        lambda p: ((p**2).sum(axis=1), _around(p)),
-        np.full(BINS, sampling.uniform_disk_pdf() * math.pi / BINS**2),
-    ),
-    "cosine": (sampling.square_to_cosine_hemisphere, *_solid_angle_bins(0, sampling.cosine_hemisphere_pdf)),
+    "disk": (sampling.square_to_uniform_disk, lambda p: ((p**2).sum(axis=1), _around(p)), np.full(BINS, 1 / BINS**2)),
+    "cosine": (sampling.square_to_cosine_hemisphere, *_solid_angle_bins(0, lambda cosine: cosine / math.pi)),
     **{
         name: (
             partial(sampling.square_to_uniform_cone, half_angle_rad=angle),
-            *_solid_angle_bins(math.cos(angle), partial(lambda angle, cosine: sampling.uniform_cone_pdf(angle), angle)),
+            *_solid_angle_bins(math.cos(angle), lambda cosine, angle=angle: 1 / (2 * math.pi * (1 - math.cos(angle)))),
         )
         for name, angle in (("sphere", math.pi), ("cone", HALF_ANGLE_RAD))
     },
     "triangle": (
         sampling.square_to_uniform_triangle,
         lambda b: (b.sum(axis=1) ** 2, b[:, 0] / np.maximum(b.sum(axis=1), 1e-12)),
-        np.full(BINS, sampling.uniform_triangle_pdf(0.5) * 0.5 / BINS**2),
+        np.full(BINS, 1 / BINS**2),
     ),
 }
 CRITICAL_Z = NormalDist().inv_cdf((1 - ALPHA) ** (1 / (2 * len(WARPS) + 1)))  # Sidak: one alpha for the file
