@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from boxes import solve_scene
 from leaflight.core.integrate import texel_light
+from leaflight.core.integrate.texel_light import TexelLight
 from leaflight.core.scene.scene import Light, Material, SceneSnapshot, TextureImage
 from leaflight.core.texels.texel_map import TexelMap
 from leaflight.core.transport import traced_scene
 from leaflight.core.util.settings import Settings
+from safe_bakes import bake_and_audit
 from scenes import Mesh, box_mesh, make_scene
 
 TINT = np.array([0.5, 0.25, 1.0])
@@ -39,19 +41,15 @@ def floor_below(pane: Material, lights=()) -> SceneSnapshot:
     return replace(scene, tri_material=scene.tri_object, world_rgb=(0.0 if lights else 1.0,) * 3, world_map=sky)
 
 
-def workers_texels(folder) -> TexelMap:
-    return traced_scene.open_tracing(str(folder)).texels
+def light_texels(folder, scene: SceneSnapshot, **knobs) -> tuple[TexelMap, TexelLight]:
+    field = solve_scene(folder, scene, Settings(**{"size": 32, "error": 0.02, "workers": 1, "seed": 3, **knobs}))
+    texels = traced_scene.open_tracing(str(folder)).texels
+    return texels, texel_light.light_at_texels(field, texels)
 
 
 def bake_floor(folder, scene: SceneSnapshot, direct: str, photons: int = 200_000) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Mean light of all that receives, W/m^2, and the energy audit, W."""
-    settings = Settings(direct=direct, size=32, max_photons=photons, error=0.005, workers=1, seed=3)
-    field = solve_scene(folder, scene, settings)
-    texels = workers_texels(folder)
-    light = texel_light.light_at_texels(field, texels)
-    audit = {name: np.array(watts) for name, watts in field.ledger.audit_w().items()}
-    assert audit["absorbed"] + audit["escaped"] + audit["remainder"] == pytest.approx(audit["emitted"], rel=1e-9)
-    return np.average(light.direct + light.indirect, axis=0, weights=texels.texel_area), audit
+    return bake_and_audit(folder, scene, direct=direct, size=32, max_photons=photons, error=0.005)[:2]
 
 
 @pytest.fixture(scope="module")
@@ -147,10 +145,7 @@ def test_light_that_was_reflected_passes_a_pane_too(tmp_path, direct):
         )
         scene = replace(scene, tri_material=np.int32([0, 0, 1, 1, 2, 2]))
         scene = replace(scene, objects=(*scene.objects[:2], replace(scene.objects[2], receives=True)))
-        folder = tmp_path / str(tint[0])
-        field = solve_scene(folder, scene, Settings(direct=direct, size=32, max_photons=600_000, error=0.02, workers=1, seed=3))
-        texels = workers_texels(folder)
-        light = texel_light.light_at_texels(field, texels)
+        texels, light = light_texels(tmp_path / str(tint[0]), scene, direct=direct, max_photons=600_000)
         floor = scene.tri_object[texels.texel_tri] == 0
         found.append(np.asarray(light.direct + light.indirect)[floor].mean(axis=0))
     assert found[0].min() > 0.1
@@ -183,9 +178,7 @@ def test_an_object_that_others_do_not_see_sends_them_no_light(tmp_path):
         scene = make_scene([square("Floor", 0, 1, True), wall], [lamp], [Material("Black", (0,) * 3), Material("White", (0.8,) * 3)])
         scene = replace(scene, tri_material=scene.tri_object)
         scene = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], seen_by=(seen,) * 3)))
-        field = solve_scene(tmp_path / str(seen), scene, Settings(size=32, max_photons=300_000, error=0.02, workers=1, seed=3))
-        texels = workers_texels(tmp_path / str(seen))
-        light = texel_light.light_at_texels(field, texels)
+        texels, light = light_texels(tmp_path / str(seen), scene, max_photons=100_000)
         is_wall = scene.tri_object[texels.texel_tri] == 1
         found.append([light.indirect[~is_wall].mean(), light.direct[is_wall].mean()])
     (shown, lit), (unseen, still_lit) = found
@@ -199,9 +192,8 @@ def test_half_clear_panes_are_not_too_bright(tmp_path):
     pane = Material("Pane", (0,) * 3, passing_rgb=(0.5,) * 3)
     scene = make_scene([square("Floor", 0, 2, True), square("Pane", 0.8, 0.8)], [], [Material("Floor", (0,) * 3), pane])
     scene = replace(scene, tri_material=scene.tri_object, world_rgb=(1.0,) * 3)
-    field = solve_scene(tmp_path, scene, Settings(size=64, max_photons=1000, error=0.01, workers=1, seed=3))
-    texels = workers_texels(tmp_path)
-    found = np.average(texel_light.light_at_texels(field, texels).direct[:, 0], weights=texels.texel_area)
+    texels, light = light_texels(tmp_path, scene, size=64, max_photons=1000, error=0.01)
+    found = np.average(light.direct[:, 0], weights=texels.texel_area)
     x, y = np.meshgrid(*[(np.arange(200) + 0.5) / 50 - 2] * 2)
 
     def corner(a, b):
