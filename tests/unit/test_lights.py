@@ -218,8 +218,12 @@ class TestSpreadArea(TestArea):
         return np.maximum(math.tan(0.7) - np.tan(np.arccos(cosine)), 0) / (math.tan(0.7) - 0.7)  # Cycles: normalize_spread
 
 
-def hold_angles(hold, counts, expected, tilt):
-    """And a density that is tilted by 3 % either way is seen."""
+def hold_angles(hold, values, greatest, find_density):
+    """The histogram of values up to the greatest; and a density that is tilted by 3 % either way is seen."""
+    counts, _ = np.histogram(values, bins=40, range=(0, greatest))
+    density = find_density((np.arange(40 * 200) + 0.5) * greatest / 8000).reshape(40, 200).sum(axis=1)
+    used = density > 1e-3 * density.max()
+    counts, expected, tilt = counts[used], (N_PHOTON * density / density.sum())[used], np.linspace(0.97, 1.03, 40)[used]
     name = "angles of spots and spreads: chi-square"
     hold(f"{name} against the attenuation", abs(chi_square_sigmas(counts, expected)), high=LIMIT, unit="sigmas")
     hold(f"{name} with one that is 3 % off", chi_square_sigmas(counts, expected * tilt), low=LIMIT, unit="sigmas")
@@ -229,23 +233,14 @@ def hold_angles(hold, counts, expected, tilt):
 def test_spot_angles_follow_the_attenuation(blend, hold):
     cone = SpotCone(0.4, blend)
     u = np.random.default_rng(4).random(N_PHOTON)
-    counts, _ = np.histogram(sample_spot_drop(u, cone.drop, cone.blend), bins=40, range=(0, 0.4))
-    fine = (np.arange(40 * 200) + 0.5) * 0.4 / 8000
-    density = spot_attenuation(1 - fine, cone.drop, cone.blend).reshape(40, 200).sum(axis=1)
-    used = density > 1e-3 * density.max()
-    expected = N_PHOTON * density / density.sum()
-    hold_angles(hold, counts[used], expected[used], np.linspace(0.97, 1.03, 40)[used])
+    found = sample_spot_drop(u, cone.drop, cone.blend)
+    hold_angles(hold, found, 0.4, lambda drop: spot_attenuation(1 - drop, cone.drop, cone.blend))
 
 
 @pytest.mark.parametrize("spread", [0.01, 1.0, 3.0])
 def test_spread_angles_follow_the_attenuation(spread, hold):
     theta = sample_spread_angle(np.random.default_rng(5).random(N_PHOTON), spread)
-    counts, _ = np.histogram(theta, bins=40, range=(0, spread / 2))
-    fine = (np.arange(40 * 200) + 0.5) * spread / 2 / 8000
-    density = (spread_attenuation(np.cos(fine), spread) * np.cos(fine) * np.sin(fine)).reshape(40, 200).sum(axis=1)
-    used = density > 1e-3 * density.max()
-    expected = N_PHOTON * density / density.sum()
-    hold_angles(hold, counts[used], expected[used], np.linspace(0.97, 1.03, 40)[used])
+    hold_angles(hold, theta, spread / 2, lambda angle: spread_attenuation(np.cos(angle), spread) * np.cos(angle) * np.sin(angle))
 
 
 def test_light_without_size_still_shines_its_power():

@@ -1,7 +1,10 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from leaflight.core.scene import materials
-from leaflight.core.scene.scene import MAX_ALBEDO, Material, SceneObject, SceneSnapshot, TextureImage
+from leaflight.core.scene.scene import MAX_ALBEDO, Material, SceneSnapshot, TextureImage
+from scenes import Mesh, make_scene
 
 # 3 texels wide, 5 high: a swapped axis cannot pass
 PIXELS = np.random.default_rng(1).random((5, 3, 3)).astype(np.float32)
@@ -12,23 +15,10 @@ CENTRES = np.stack(np.meshgrid((np.arange(3) + 0.5) / 3, (np.arange(5) + 0.5) / 
 def _scene(*surfaces: Material, images=(TEXTURE,), uv=((0, 0), (1, 0), (0, 1))) -> SceneSnapshot:
     """One triangle per material; texture UV equals barycentric (u, v)."""
     n = len(surfaces)
-    none = np.zeros(n, np.int32)
     tri_uv = np.tile(np.float32(uv), (n, 1, 1))
-    return SceneSnapshot(
-        vertex_position=np.tile(np.eye(3), (n, 1)),
-        tri_vertex=np.arange(3 * n, dtype=np.int32).reshape(n, 3),
-        tri_object=none,
-        tri_material=np.arange(n, dtype=np.int32),
-        tri_polygon=none,
-        tri_corner=np.zeros((n, 3), np.int32),
-        tri_normal=np.zeros((n, 3, 3), np.float32),
-        tri_uv=np.zeros((n, 3, 2)),
-        tri_albedo_uv=tri_uv,
-        tri_emission_uv=tri_uv[:, :, ::-1].copy(),
-        objects=(SceneObject("Object"),),
-        materials=surfaces,
-        images=images,
-    )
+    scene = make_scene([Mesh("Object", np.tile(np.eye(3), (n, 1)), np.arange(3 * n).reshape(n, 3).tolist())])
+    uvs = {"tri_albedo_uv": tri_uv, "tri_emission_uv": tri_uv[:, :, ::-1].copy()}
+    return dataclasses.replace(scene, tri_material=np.arange(n, dtype=np.int32), materials=surfaces, images=images, **uvs)
 
 
 def _at(scene, quantity, tri, u=0.2, v=0.3):

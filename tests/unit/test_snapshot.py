@@ -61,9 +61,8 @@ def test_round_trip(tmp_path):
 
 def test_empty_scene(tmp_path):
     path = tmp_path / "empty.npz"
-    empty = {name: getattr(make_snapshot(), name)[:0] for name in ("vertex_position", "tri_vertex", "tri_object", "tri_material")}
-    empty |= {name: getattr(make_snapshot(), name)[:0] for name in ("tri_polygon", "tri_corner", "tri_normal")}
-    empty |= {name: getattr(make_snapshot(), name)[:0] for name in ("tri_uv", "tri_albedo_uv", "tri_emission_uv")}
+    names = (name for name in SceneSnapshot.__dataclass_fields__ if name.startswith(("vertex_", "tri_")))
+    empty = {name: array[:0] for name in names if (array := getattr(make_snapshot(), name)) is not None}
     save_snapshot(path, SceneSnapshot(**empty, objects=(), materials=()))
     assert load_snapshot(path).n_tri == 0
 
