@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from leaflight.core.radiosity import basis, quadtree, tally
 from leaflight.core.radiosity.quadtree import TreeView
-from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot
 from leaflight.core.texels.texels import TexelMap, build_texel_map
 from leaflight.core.util.progress import Watch, unwatched
+from scenes import Mesh, make_scene, quad_mesh
 
 SIDE = 64  # texels, of the squares that `throw` lights
 
@@ -19,21 +19,7 @@ def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, de
     n = len(uv)
     chart = np.zeros(n, np.int32) if chart is None else np.asarray(chart, np.int32)
     position = np.concatenate([uv, np.zeros((n, 3, 1))], axis=2) if position is None else np.asarray(position, float)
-    zero = np.zeros(n, np.int32)
-    snapshot = SceneSnapshot(
-        vertex_position=position.reshape(-1, 3),
-        tri_vertex=np.arange(3 * n, dtype=np.int32).reshape(n, 3),
-        tri_object=zero,
-        tri_material=zero,
-        tri_polygon=zero,
-        tri_corner=np.zeros((n, 3), np.int32),
-        tri_normal=np.zeros((n, 3, 3), np.float32),
-        tri_uv=np.zeros((n, 3, 2)),
-        tri_albedo_uv=np.zeros((n, 3, 2), np.float32),
-        tri_emission_uv=np.zeros((n, 3, 2), np.float32),
-        objects=(SceneObject("Plane"),),
-        materials=(Material("White"),),
-    )
+    snapshot = make_scene([Mesh("Plane", position.reshape(-1, 3), np.arange(3 * n).reshape(n, 3).tolist())])
     n_chart = int(chart.max(initial=-1)) + 1
     atlas: Any = SimpleNamespace(page_size=size, page_count=1, tri_chart=chart, tri_uv=uv, chart_page=np.zeros(n_chart, np.int32))
     return build_texel_map(snapshot, atlas, degree, watch=watch)
@@ -41,27 +27,11 @@ def make_map(uv: Any, chart: Any = None, position: Any = None, size: int = 8, de
 
 def make_square_map(side, degree, width=1.0):
     """Texel map of a square metre seen by a chart of `side` texels; `width` below 1 covers that share of it in x."""
-    position = np.array([[0, 0, 0], [width, 0, 0], [width, 1, 0], [0, 1, 0]], float)
-    tri_vertex = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-    zero = np.zeros(2, np.int32)
-    scene = SceneSnapshot(
-        vertex_position=position,
-        tri_vertex=tri_vertex,
-        tri_object=zero,
-        tri_material=zero,
-        tri_polygon=zero,
-        tri_corner=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-        tri_normal=np.broadcast_to(np.float32([0, 0, 1]), (2, 3, 3)),
-        tri_uv=np.zeros((2, 3, 2)),
-        tri_albedo_uv=np.zeros((2, 3, 2), np.float32),
-        tri_emission_uv=np.zeros((2, 3, 2), np.float32),
-        objects=(SceneObject("Square"),),
-        materials=(Material("White"),),
-    )
+    scene = make_scene([quad_mesh("Square", width)])
     atlas = SimpleNamespace(
         page_size=side,
         page_count=1,
-        tri_chart=zero,
+        tri_chart=np.zeros(2, np.int32),
         tri_uv=scene.tri_position[..., :2] * side,
         chart_page=np.zeros(1, np.int32),
         chart_object=np.zeros(1, np.int32),
