@@ -66,9 +66,7 @@ def save_baked(folder: Path, size: int, max_photons: int = 5000) -> Path:
 
 def add_twin() -> None:
     """Another object of the floor's mesh, beside it."""
-    twin = bpy.data.objects["Floor"].copy()
-    twin.name, twin.location.x = "Twin", 5.0
-    bpy.context.scene.collection.objects.link(twin)
+    add_copy(bpy.data.objects["Floor"], name="Twin").location.x = 5.0
 
 
 def add_mesh(name: str, vertices: Sequence[Sequence[float]], faces: Sequence[Sequence[int]]) -> Any:
@@ -85,6 +83,15 @@ def add_object(name: str, data: Any, collection: Any = None, **properties: Any) 
     for key, value in properties.items():
         setattr(obj, key, value)
     return obj
+
+
+def add_copy(obj: Any, **properties: Any) -> Any:
+    """A linked duplicate with those properties, in the open scene."""
+    copy = obj.copy()
+    bpy.context.scene.collection.objects.link(copy)
+    for key, value in properties.items():
+        setattr(copy, key, value)
+    return copy
 
 
 def add_plane(name: str, collection: Any = None, **properties: Any) -> Any:

@@ -11,6 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from bench_accuracy import MOST_BIAS, MOST_REL, bake_page
+from blend_rooms import add_object
 from cycles_bake import bake_cycles, set_stage
 from cycles_reference import SEEDS, Reference
 from cycles_texel import TEXEL, bake_step
@@ -34,9 +35,7 @@ def add_lamp(kind, **properties):
     data = bpy.data.lights.new("Lamp", kind)
     for name, value in {"energy": 50.0, "color": (1.0, 0.8, 0.5), **properties}.items():
         setattr(data, name, value)
-    lamp = bpy.data.objects.new("Lamp", data)
-    lamp.location, lamp.rotation_euler = ABOVE, (0.2, 0.3, 0.5)
-    bpy.context.scene.collection.objects.link(lamp)
+    add_object("Lamp", data, location=ABOVE, rotation_euler=(0.2, 0.3, 0.5))
 
 
 def add_world(radiance):

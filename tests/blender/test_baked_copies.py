@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_object
+from blend_rooms import add_copy, add_object
 from leaflight.addon.read import baked_copies, uv_layer
 from leaflight.addon.show import images, materials_write, restore
 
@@ -183,8 +183,7 @@ def test_users_duplicate_of_a_copy_and_guests_in_our_collection_stay():
     duplicate.data = copy.data.copy()
     collection = copy.users_collection[0]
     collection.objects.link(duplicate)
-    twin = source.copy()
-    bpy.context.scene.collection.objects.link(twin)
+    twin = add_copy(source)
     restore.remove_bake()
     assert sorted(obj.name for obj in bpy.data.objects) == ["Fence", "Fence.001", "Fence.Leaflight.001"]
     assert duplicate.material_slots[0].material == paint

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import QUICK, add_mesh, bake, list_files, make_material, open_room, read_pixels, read_report, save_scene
+from blend_rooms import QUICK, add_mesh, add_object, bake, list_files, make_material, open_room, read_pixels, read_report, save_scene
 from leaflight.addon.app import spare_images
 from leaflight.addon.app.job import BakeProcess
 from leaflight.addon.show.layout import worn_images
@@ -173,7 +173,7 @@ def add_faults(value):
     for name, power_w in (("Dark", 0.0), ("Negative", -50.0)):
         light = bpy.data.lights.new(name, "POINT")
         light.energy = power_w
-        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, light))
+        add_object(name, light)
     add_mesh("Empty", [], [])
     add_mesh("Wire", TRIANGLE[:2], [])
     add_mesh("Broken", [*TRIANGLE, (0.0, 0.0, value)], [(0, 1, 2), (0, 2, 3)])

@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
-from blend_rooms import add_mesh
+from blend_rooms import add_copy, add_mesh
 from leaflight.addon.app import job, request
 from leaflight.addon.read import export_receivers
 from leaflight.addon.show import restore
@@ -186,9 +186,8 @@ def test_sentences_name_no_flag_of_the_command_line(state):
 
 def test_many_meshes_of_one_fault_make_one_short_sentence(state):
     for name in ("A", "B", "C", "D", "E"):
-        twin = bpy.data.objects["Cube"].copy()
+        twin = add_copy(bpy.data.objects["Cube"])
         twin.name, twin.data = name, twin.data.copy()
-        bpy.context.scene.collection.objects.link(twin)
     for obj in (obj for obj in bpy.context.scene.objects if obj.type == "MESH"):
         while len(obj.data.uv_layers) < 8:
             obj.data.uv_layers.new()

@@ -36,12 +36,12 @@ def room(monkeypatch):
     return bpy.context.scene
 
 
-def bake_room(tmp_path, *passes, atlas=True, names=("Floor", "Cube"), size=32):
+def bake_room(tmp_path, *passes, atlas=True, names=("Floor", "Cube"), size=32, layer=""):
     """Bakes these objects and puts the bake on them."""
     folder = tmp_path / "job"
     folder.mkdir()
     settings = Settings(size=size, max_photons=5000, workers=1, passes=passes, atlas=atlas)
-    request = BakeRequest(settings, objects=names, output=tmp_path / "maps")
+    request = BakeRequest(settings, objects=names, uv_layer=layer, output=tmp_path / "maps")
     work = session.prepare(bpy.context, request, folder)
     run_bake(folder, lambda message: None, lambda: False)
     result = session.read_result(work)
@@ -258,15 +258,7 @@ def test_copies_of_instances_bear_their_sources_names(room, tmp_path):
 
 def test_materials_that_use_the_baked_layer_find_it_at_texcoord_0_too(room, tmp_path):
     """The only layer of the floor is the user's own and carries the bake."""
-    folder = tmp_path / "job"
-    folder.mkdir()
-    request = BakeRequest(
-        Settings(size=32, max_photons=5000, workers=1, passes=("lighting",)), objects=("Floor",), uv_layer="UVMap", output=tmp_path / "maps"
-    )
-    work = session.prepare(bpy.context, request, folder)
-    run_bake(folder, lambda message: None, lambda: False)
-    result = session.read_result(work)
-    session.assign(bpy.context, work, result)
+    bake_room(tmp_path, "lighting", names=("Floor",), layer="UVMap")
     export(tmp_path)
     import_again(tmp_path / "room.glb")
     floor = bpy.data.objects["Floor"]

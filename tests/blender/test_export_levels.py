@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_plane, make_material
+from blend_rooms import add_object, add_plane, make_material
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
 
@@ -166,7 +166,7 @@ def test_metaballs_take_the_render_resolution():
     ball = bpy.data.metaballs.new("Ball")
     ball.elements.new()
     ball.resolution, ball.render_resolution = 1.0, 0.2
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Ball", ball))
+    add_object("Ball", ball)
     add_plane("Plane")
     fine = count(export(), "Ball")
     ball.render_resolution = 1.0

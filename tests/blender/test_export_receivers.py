@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_plane, make_geometry_nodes
+from blend_rooms import add_object, add_plane, make_geometry_nodes
 from leaflight.addon.read.export_pieces import walk_pieces
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.render_levels import evaluate_for_render
@@ -21,10 +21,7 @@ def add_modifier(obj, kind, **properties):
 
 
 def add_instancer(collection, name="Holder"):
-    holder = bpy.data.objects.new(name, None)
-    holder.instance_type, holder.instance_collection, holder.location = "COLLECTION", collection, (0, 0, 3)
-    bpy.context.scene.collection.objects.link(holder)
-    return holder
+    return add_object(name, None, instance_type="COLLECTION", instance_collection=collection, location=(0, 0, 3))
 
 
 def make_points_group(*, keep=True, instanced=None):
@@ -101,8 +98,7 @@ def test_only_what_wears_its_own_mesh_shares_it():
     fence = add_plane("Fence")
     add_modifier(fence, "ARRAY")
     for name in ("A", "B"):
-        twin = bpy.data.objects.new(name, fence.data)
-        bpy.context.scene.collection.objects.link(twin)
+        add_object(name, fence.data)
     assert {name: one.mesh for name, (one, _) in by_name(export()).items()} == {"A": 0, "B": 0, "Fence": -1}
 
 
@@ -243,7 +239,7 @@ def test_curves_and_texts_only_cast_with_one_warning():
     for name in ("Title", "Sign"):
         text = bpy.data.curves.new(name, "FONT")
         text.body = "i"
-        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, text))
+        add_object(name, text)
     result = export()
     assert {name: o.receives for name, (o, _) in by_name(result).items()} == {"Plane": True, "Title": False, "Sign": False}
     assert len(result.warnings) == 1

@@ -368,9 +368,7 @@ def test_lights_world_and_shadow_flags():
     add_quads("Prop", visible_shadow=False, visible_diffuse=False, visible_glossy=False, visible_transmission=False)
     group = bpy.data.collections.new("Group")
     add_quads("Bulb", bpy.data.lights.new("Bulb", "POINT"), collection=group)
-    holder = bpy.data.objects.new("Holder", None)
-    holder.instance_type, holder.instance_collection, holder.location = "COLLECTION", group, (0, 0, 4)
-    bpy.context.scene.collection.objects.link(holder)
+    add_object("Holder", None, instance_type="COLLECTION", instance_collection=group, location=(0, 0, 4))
     result = export(objects=["Floor", "Pane", "Wall"])
     assert {o.name: o.casts_shadow for o in result.snapshot.objects} == {"Floor": False, "Pane": True, "Wall": True}
     assert [o.name for o in result.snapshot.objects if o.receives] == ["Floor", "Wall"]
@@ -420,9 +418,7 @@ def test_a_lamp_is_linked_to_objects_and_instances(kind, field, states, expected
     add_quads("Wall")
     group = bpy.data.collections.new("Group")
     add_quads("Tile", collection=group)
-    holder = bpy.data.objects.new("Holder", None)
-    holder.instance_type, holder.instance_collection = "COLLECTION", group
-    bpy.context.scene.collection.objects.link(holder)
+    add_object("Holder", None, instance_type="COLLECTION", instance_collection=group)
     link_light(add_quads("Bulb", bpy.data.lights.new("Bulb", "POINT")), kind, **states)
     result = export()
     (light,) = result.snapshot.lights

@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import add_object
 from leaflight.addon.read.lamp_profile import ProfileTable
 from leaflight.addon.read.lights_read import read_lamp
 from leaflight.core.scene.scene import Light
@@ -25,9 +26,7 @@ def add_lamp(kind="POINT", **properties):
     data.energy = 100.0
     for name, value in properties.items():
         setattr(data, name, value)
-    lamp = bpy.data.objects.new("Lamp", data)
-    bpy.context.scene.collection.objects.link(lamp)
-    return lamp
+    return add_object("Lamp", data)
 
 
 def use_tree(lamp):

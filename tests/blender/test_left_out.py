@@ -4,7 +4,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import open_room, save_scene
+from blend_rooms import add_object, open_room, save_scene
 from leaflight.addon.read.export_scene import export_scene
 
 
@@ -18,7 +18,7 @@ def told(*words):
 
 
 def test_volumes_are_named():
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Smoke", bpy.data.volumes.new("Smoke")))
+    add_object("Smoke", bpy.data.volumes.new("Smoke"))
     assert told("volume") == [("Smoke", "its volume is left out: it casts neither light nor shadow")]
 
 

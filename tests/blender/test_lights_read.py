@@ -7,6 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from blend_rooms import add_object
 from leaflight.addon.read.lights_read import read_light
 
 pytestmark = pytest.mark.usefixtures("empty_file")
@@ -14,8 +15,7 @@ pytestmark = pytest.mark.usefixtures("empty_file")
 
 def read(kind, *, object_properties=None, warnings=None, matrix=None, **properties):
     data = bpy.data.lights.new("Lamp", kind)
-    obj = bpy.data.objects.new("Lamp", data)
-    bpy.context.scene.collection.objects.link(obj)
+    obj = add_object("Lamp", data)
     data.energy = 100.0
     for owner, values in ((data, properties), (obj, object_properties or {})):
         for name, value in values.items():

@@ -12,7 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
-from blend_rooms import open_room
+from blend_rooms import add_copy, open_room
 from leaflight.addon.app import live, session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.job import library_paths
@@ -250,9 +250,8 @@ def test_what_undo_or_saving_took_away_is_shown_again(start):
 
 @pytest.mark.parametrize("again", [False, True])
 def test_who_wears_a_copy_of_its_mesh_is_told(start, again):
-    twin = bpy.data.objects["Cube"].copy()
+    twin = add_copy(bpy.data.objects["Cube"])
     twin.name, twin.location.x, twin.scale = "Twin", 3.0, (20.0, 1.0, 1.0)
-    bpy.context.scene.collection.objects.link(twin)
     if again:
         whole_bake(start, settings=replace(SETTINGS, size=64))
     work, paths = start(replace(SETTINGS, size=64))

@@ -7,7 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
-from blend_rooms import bake, save_scene
+from blend_rooms import add_object, bake, save_scene
 from leaflight.addon.app.marks_check import drop_broken_marks
 from leaflight.addon.read.tags import find_original
 
@@ -56,9 +56,8 @@ def test_the_marks_of_a_bake_stay(room, words):
     """Copies of meshes, places of linked duplicates, slots and layers among them."""
     cube = bpy.data.objects["Cube"]
     cube.modifiers.new("Round", "SUBSURF")
-    twin = bpy.data.objects.new("Twin", bpy.data.objects["Floor"].data)
+    twin = add_object("Twin", bpy.data.objects["Floor"].data)
     twin.location.z = 2.5
-    bpy.context.scene.collection.objects.link(twin)
     bpy.data.objects["Floor"].data.materials.append(bpy.data.materials.new("Wood"))
     save_scene(room)
     saved = room.with_name("saved.blend")

@@ -311,9 +311,8 @@ def test_glass_bends_light(shader):
 
 def mix_shaders(tree, fraction, first, second):
     mix = tree.add("MixShader")
-    mix.inputs[0].default_value = fraction
-    for socket, shader in zip(mix.inputs[1:], (first, second), strict=True):
-        tree.feed(mix, socket, shader.outputs[0])
+    for socket, value in zip(mix.inputs, (fraction, first.outputs[0], second.outputs[0]), strict=True):
+        tree.feed(mix, socket, value)
     return mix
 
 
@@ -340,12 +339,9 @@ def test_glass_in_a_mix_is_glass_in_part():
 def test_mix_and_add_shader():
     tree = Tree()
     diffuse, other = tree.add("BsdfDiffuse", Color=(1.0, 0.0, 0.0)), tree.add("BsdfDiffuse", Color=(0.0, 1.0, 0.0))
-    mix = tree.add("MixShader")
-    for socket, value in zip(mix.inputs, (0.25, diffuse.outputs[0], other.outputs[0]), strict=True):
-        tree.feed(mix, socket, value)
     glow = tree.add("Emission", Color=(1.0, 1.0, 0.5), Strength=3.0)
     add = tree.add("AddShader")
-    tree.feed(add, add.inputs[0], mix.outputs[0])
+    tree.feed(add, add.inputs[0], mix_shaders(tree, 0.25, diffuse, other).outputs[0])
     tree.feed(add, add.inputs[1], glow.outputs[0])
     reading, _, warning = tree.show(add).read()
     assert warning == ""
@@ -488,10 +484,9 @@ def test_a_muted_node_that_nothing_feeds_leaves_the_value_where_it_leads():
     tree = Tree()
     invert = tree.add("Invert", Color=(0.1, 0.9, 0.1))
     invert.mute = True
-    reading, _, _ = tree.show(tree.add("BsdfDiffuse", Color=(0.3, 0.2, 0.1))).read()
-    diffuse = next(node for node in tree.tree.nodes if node.type == "BSDF_DIFFUSE")
-    tree.tree.links.new(invert.outputs[0], diffuse.inputs["Color"])
-    reading, _, _ = tree.read()
+    diffuse = tree.add("BsdfDiffuse", Color=(0.3, 0.2, 0.1))
+    tree.feed(diffuse, "Color", invert.outputs[0])
+    reading, _, _ = tree.show(diffuse).read()
     assert reading.material.albedo_rgb == pytest.approx((0.3, 0.2, 0.1))
 
 
@@ -519,10 +514,7 @@ def facing(tree, output="Facing", blend=0.5):
 
 def test_what_differs_by_view_counts_by_its_mean_over_the_hemisphere():
     tree = Tree()
-    mix = tree.add("MixShader")
-    tree.tree.links.new(facing(tree), mix.inputs[0])
-    for socket, grey in zip(mix.inputs[1:], (0.9, 0.3), strict=True):
-        tree.tree.links.new(tree.add("BsdfDiffuse", Color=(grey,) * 3).outputs[0], socket)
+    mix = mix_shaders(tree, facing(tree), *(tree.add("BsdfDiffuse", Color=(grey,) * 3) for grey in (0.9, 0.3)))
     reading, _, warning = tree.show(mix).read()
     assert reading.material.albedo_rgb == pytest.approx((0.7,) * 3, abs=2e-3)  # 1 - cos has a mean of 1/3
     assert warning == ""
@@ -539,12 +531,8 @@ def test_what_differs_by_view_counts_by_its_mean_over_the_hemisphere():
 def test_gloss_over_paint_by_fresnel_is_a_dielectric_layer(by):
     tree = Tree()
     fresnel = tree.add("Fresnel", IOR=2.0) if by == "Fresnel" else tree.add("LayerWeight", Blend=0.5)
-    mix = tree.add("MixShader", Fac=fresnel.outputs["Fac" if by == "Fresnel" else "Fresnel"])
-    for socket, shader in zip(
-        mix.inputs[1:], (tree.add("BsdfDiffuse", Color=(0.6, 0.3, 0.2)), gloss := tree.add("BsdfGlossy")), strict=True
-    ):
-        tree.tree.links.new(shader.outputs[0], socket)
-    gloss.inputs["Roughness"].default_value, gloss.inputs["Color"].default_value = 0.4, (1.0, 1.0, 1.0, 1.0)
+    paint, gloss = tree.add("BsdfDiffuse", Color=(0.6, 0.3, 0.2)), tree.add("BsdfGlossy", Roughness=0.4, Color=(1.0, 1.0, 1.0))
+    mix = mix_shaders(tree, fresnel.outputs["Fac" if by == "Fresnel" else "Fresnel"], paint, gloss)
     material = tree.show(mix).read()[0].material
     assert (material.layer, material.ior, material.roughness) == (1.0, pytest.approx(2.0), pytest.approx(0.4))
     assert (material.albedo_rgb, material.metal_rgb) == (pytest.approx((0.6, 0.3, 0.2)), (0.0, 0.0, 0.0))
@@ -553,8 +541,7 @@ def test_gloss_over_paint_by_fresnel_is_a_dielectric_layer(by):
     mean = average_fresnel(2.0)
     assert half.layer == pytest.approx(0.5)
     assert np.array(half.albedo_rgb) * (1 - 0.5 * mean) == pytest.approx(np.array([0.6, 0.3, 0.2]) * (1 - mean), rel=1e-5)
-    tree.add("BsdfTransparent")
-    tree.tree.links.new(next(node for node in tree.tree.nodes if node.type == "BSDF_TRANSPARENT").outputs[0], mix.inputs[1])
+    tree.feed(mix, mix.inputs[1], tree.add("BsdfTransparent").outputs[0])
     assert tree.read()[0].material.layer == 0.0, "a window has none"
 
 
@@ -594,10 +581,7 @@ def test_a_ray_portal_that_leads_nowhere_is_transparent():
 def test_a_volume_below_a_surface_is_named_and_sides_are_told_apart():
     tree = Tree()
     side = tree.add("NewGeometry").outputs["Backfacing"]
-    mixed = tree.add("MixShader")
-    tree.tree.links.new(side, mixed.inputs[0])
-    for socket, rgb in zip(mixed.inputs[1:], ((0.9, 0.1, 0.1), (0.1, 0.1, 0.9)), strict=True):
-        tree.tree.links.new(tree.add("BsdfDiffuse", Color=rgb).outputs[0], socket)
+    mixed = mix_shaders(tree, side, *(tree.add("BsdfDiffuse", Color=rgb) for rgb in ((0.9, 0.1, 0.1), (0.1, 0.1, 0.9))))
     tree.tree.links.new(tree.add("VolumeAbsorption").outputs[0], tree.output.inputs["Volume"])
     reading, _, warning = tree.show(mixed).read()
     assert reading.material.albedo_rgb == pytest.approx((0.9, 0.1, 0.1))

@@ -6,6 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_nodes import add_glow, render_from_above
+from blend_rooms import add_object
 from leaflight.addon.nodes.socket_bake import SocketBaker
 from leaflight.addon.read.export_mesh import read_mesh
 from leaflight.addon.read.export_scene import export_scene
@@ -34,7 +35,7 @@ def show_attribute(kind, domain, output="Color", node_type="ShaderNodeAttribute"
     """Two triangles that shine with an attribute; an edge without a face hangs on one of their corners."""
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (-1, 1, 0), (1, 1, 0), (0, 0, -3)], [(0, 4)], [(0, 1, 2), (1, 3, 2)])
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Square", mesh))
+    add_object("Square", mesh)
     tree, color = add_glow(mesh)
     node = tree.nodes.new(node_type)
     setattr(node, "attribute_name" if node_type == "ShaderNodeAttribute" else "layer_name", "x")

@@ -6,6 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_nodes import add_glow, render_from_above
+from blend_rooms import add_copy, add_object
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.scene.materials import SurfaceMaterials
 
@@ -16,8 +17,7 @@ def show_property(kind="OBJECT", name="x", output="Color", node_type="ShaderNode
     """A square that shines with what the node gives."""
     mesh = bpy.data.meshes.new("Square")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
-    obj = bpy.data.objects.new("Square", mesh)
-    bpy.context.scene.collection.objects.link(obj)
+    obj = add_object("Square", mesh)
     tree, color = add_glow(mesh)
     node = tree.nodes.new(node_type)
     if node_type == "ShaderNodeAttribute":
@@ -146,9 +146,8 @@ def test_what_geometry_nodes_give_their_instances_is_read(numbered):
     group.links.new(scatter.outputs[0], store.inputs[0])
     group.links.new(third.outputs[0], next(one for one in store.inputs if one.name == "Value" and one.enabled))
     group.links.new(store.outputs[0], end.inputs[0])
-    holder = bpy.data.objects.new("Holder", bpy.data.meshes.new("Nothing"))
+    holder = add_object("Holder", bpy.data.meshes.new("Nothing"))
     holder.modifiers.new("Scatter", "NODES").node_group = group
-    bpy.context.scene.collection.objects.link(holder)
     glow, told = read_glow()
     shown = sorted(value[0] for name, value in glow.items() if name.startswith("Holder"))
     if bpy.app.version >= (5, 0, 0):
@@ -163,9 +162,8 @@ def test_objects_of_one_mesh_and_material_differ():
     obj = show_property()
     obj["x"] = 0.3
     for number in (1, 2):
-        twin = obj.copy()
+        twin = add_copy(obj)
         twin.name, twin["x"] = f"Twin {number}", 0.6
-        bpy.context.scene.collection.objects.link(twin)
     assert read_glow()[0] == {name: pytest.approx([value] * 3) for name, value in (("Square", 0.3), ("Twin 1", 0.6), ("Twin 2", 0.6))}
     snapshot = export_scene(bpy.context).snapshot
     assert len(snapshot.materials) == 2, "those that look alike are one"
@@ -184,8 +182,7 @@ def test_the_random_number_of_object_info_is_cycles_own(is_instance, tmp_path):
 
 def test_instances_have_random_numbers_of_their_own():
     first = instance(show_property(node_type="ShaderNodeObjectInfo", output="Random"))
-    second = first.copy()
-    bpy.context.scene.collection.objects.link(second)
+    add_copy(first)
     assert len({tuple(glow) for glow in read_glow()[0].values()}) == 2
 
 

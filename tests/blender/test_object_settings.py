@@ -4,7 +4,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import open_room
+from blend_rooms import add_object, open_room
 from leaflight.addon.read import object_settings
 from leaflight.addon.read.export_scene import export_scene
 
@@ -65,9 +65,7 @@ def test_an_instance_has_its_own_choice_and_that_of_what_it_shows():
     shown.objects.link(bpy.data.objects["Cube"])
     bpy.context.scene.collection.objects.unlink(bpy.data.objects["Cube"])
     for name in ("One", "Two"):
-        empty = bpy.data.objects.new(name, None)
-        empty.instance_type, empty.instance_collection = "COLLECTION", shown
-        bpy.context.scene.collection.objects.link(empty)
+        add_object(name, None, instance_type="COLLECTION", instance_collection=shown)
     choose("Cube", density_factor=0.5)
     choose("Two", density_factor=4.0, role="CAST")
     objects, _ = export()

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material
+from blend_rooms import add_object, make_material
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.preparation import Preparation
 from leaflight.addon.app.session import prepare_steps
@@ -44,14 +44,12 @@ def cubes():
     links.new(texture.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
     mesh.materials.append(material)
     for number in range(1, CUBES):
-        obj = bpy.data.objects.new(f"Cube {number}", mesh)
-        obj.location = (number, 0.3 * number, 0.0)
-        bpy.context.scene.collection.objects.link(obj)
+        add_object(f"Cube {number}", mesh, location=(number, 0.3 * number, 0.0))
     bpy.data.objects["Cube 1"].modifiers.new("Smooth", "SUBSURF").render_levels = 3
     bpy.data.objects["Cube 2"].hide_set(True)
     bpy.data.objects["Cube 3"].hide_viewport = True
     bpy.data.objects["Cube 4"].select_set(True)
-    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT")))
+    add_object("Lamp", bpy.data.lights.new("Lamp", "POINT"))
     bpy.context.view_layer.update()
 
 

@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from blend_dump import differences, dump
-from blend_rooms import add_object, make_material, make_quads
+from blend_rooms import add_copy, add_object, make_material, make_quads
 from leaflight.addon.read import baked_copies, uv_layer
 from leaflight.addon.show import images, materials_write, restore
 
@@ -202,9 +202,8 @@ def copy_of_array(source):
 def test_user_edits_between_are_kept_and_nothing_of_ours_stays(names, tmp_path):
     bake(names, tmp_path)
     data = bpy.data
-    duplicate = data.objects["MultiA"].copy()
+    duplicate = add_copy(data.objects["MultiA"])
     duplicate.data = duplicate.data.copy()
-    bpy.context.scene.collection.objects.link(duplicate)
     data.materials["Red"].name = "Renamed"
     data.meshes["Two"].uv_layers["Leaflight"].name = "Mine"
     data.objects["BareA"].name = "Other"

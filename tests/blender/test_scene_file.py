@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material, open_room, save_scene
+from blend_rooms import add_object, make_material, open_room, save_scene
 from leaflight.addon.read.blender_output import hold_output
 from leaflight.addon.read.scene_file import choose_scene, open_scene
 
@@ -190,8 +190,7 @@ def test_a_compressed_file_is_not_called_damaged(tmp_path, extension, name):
 def test_a_driver_that_needs_python_is_named_unless_scripts_may_run(tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     for name, expression in (("Python", "len(str(frame))"), ("Simple", "frame * 2")):
-        lamp = bpy.data.objects.new(name, bpy.data.lights.new(name, "POINT"))
-        bpy.context.scene.collection.objects.link(lamp)
+        lamp = add_object(name, bpy.data.lights.new(name, "POINT"))
         lamp.driver_add("location", 2).driver.expression = expression
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "driven.blend"))
     ((subject, text),) = open_scene(tmp_path / "driven.blend")

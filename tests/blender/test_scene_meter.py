@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_mesh, ask_quick_bake, open_room
+from blend_rooms import add_copy, add_mesh, add_object, ask_quick_bake, open_room
 from leaflight.addon.ui import checker_arrays
 from leaflight.addon.ui.select_operator import is_known
 
@@ -105,9 +105,7 @@ def test_an_instance_has_the_area_of_what_it_shows(meter):
     cube = bpy.data.objects["Cube"]
     shown.objects.link(cube)
     bpy.context.scene.collection.objects.unlink(cube)
-    empty = bpy.data.objects.new("Two", None)
-    empty.instance_type, empty.instance_collection, empty.scale = "COLLECTION", shown, (2.0, 2.0, 2.0)
-    bpy.context.scene.collection.objects.link(empty)
+    add_object("Two", None, instance_type="COLLECTION", instance_collection=shown, scale=(2.0, 2.0, 2.0))
     assert measure(meter).area_m2 == pytest.approx(16.0 + 4 * 6.0)
 
 
@@ -116,9 +114,7 @@ def test_checker_lies_on_instances_of_a_collection_with_an_offset(meter):
     cube = bpy.data.objects["Cube"]
     shown.objects.link(cube)
     shown.instance_offset = (1.0, 2.0, 3.0)
-    empty = bpy.data.objects.new("Two", None)
-    empty.instance_type, empty.instance_collection, empty.location = "COLLECTION", shown, (0.0, 0.0, 9.0)
-    bpy.context.scene.collection.objects.link(empty)
+    add_object("Two", None, instance_type="COLLECTION", instance_collection=shown, location=(0.0, 0.0, 9.0))
     bpy.context.view_layer.update()
     drawn = make_checker(10.0).position
     depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -154,9 +150,7 @@ def edit(name):
 
 
 def test_an_object_in_edit_mode_is_measured_as_it_is_edited(meter):
-    twin = bpy.data.objects["Cube"].copy()
-    twin.scale = (2.0, 2.0, 2.0)
-    bpy.context.scene.collection.objects.link(twin)
+    add_copy(bpy.data.objects["Cube"], scale=(2.0, 2.0, 2.0))
     before, arrays = measure(meter), make_checker(10.0)
     edit("Cube")
     assert measure(meter) == before
@@ -257,9 +251,8 @@ def test_checker_shows_the_layer_once_there_is_one():
 
 def test_checker_shows_the_texels_of_duplicates_that_share_a_layer(tmp_path):
     cube = bpy.data.objects["Cube"]
-    twin = cube.copy()
+    twin = add_copy(cube)
     twin.location.x = 3.0
-    bpy.context.scene.collection.objects.link(twin)
     chosen = bpy.context.scene.leaflight
     chosen.size, chosen.error, chosen.workers, chosen.output = 64, 0.5, 1, str(tmp_path)
     assert bpy.ops.leaflight.bake() == {"FINISHED"}

@@ -10,7 +10,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import list_files, make_geometry_nodes, make_material, open_room, save_scene
+from blend_rooms import add_copy, list_files, make_geometry_nodes, make_material, open_room, save_scene
 from leaflight.addon.app import session
 from leaflight.addon.app.arguments import BakeRequest
 from leaflight.addon.app.job import library_paths
@@ -101,9 +101,8 @@ def add_twins(*scales):
     """Linked duplicates of the cube, and their names with its own."""
     cube = bpy.data.objects["Cube"]
     for k, scale in enumerate(scales):
-        twin = cube.copy()
+        twin = add_copy(cube)
         twin.name, twin.location.x, twin.scale = f"Twin {k}", 1.5 + k, scale
-        bpy.context.scene.collection.objects.link(twin)
     return ["Cube", *(f"Twin {k}" for k in range(len(scales)))]
 
 
@@ -119,11 +118,9 @@ def read_uv(name, layer="Leaflight"):
 @pytest.mark.parametrize("options", [{}, {"atlas": False}])
 def test_linked_duplicates_keep_sharing_their_mesh(request_, folder, options):
     names = add_twins((1, 1, 1), (-2, 2, 2), (1, 1, 1.5))
-    work = prepare(replace(request_, settings=replace(SETTINGS, size=64, **options)), folder)
-    run_bake(folder, lambda message: None, lambda: False)
-    assert session.assign(bpy.context, work, session.read_result(work)) == []
+    assert bake(replace(request_, settings=replace(SETTINGS, size=64, **options)), folder) == []
     assert {bpy.data.objects[name].data for name in names} == {bpy.data.meshes["Cube"]}
-    layout, snapshot = np.load(folder / LAYOUT_FILE), work.export.snapshot
+    layout, snapshot = np.load(folder / LAYOUT_FILE), load_snapshot(folder / SNAPSHOT_FILE)
     for i, one in enumerate(snapshot.objects):
         rows = snapshot.tri_object == i
         np.testing.assert_allclose(read_uv(one.name)[snapshot.tri_corner[rows]], layout["tri_uv"][rows], atol=1e-6)

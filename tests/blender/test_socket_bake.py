@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_mesh, make_material
+from blend_rooms import add_mesh, add_object, make_material
 from leaflight.addon.nodes import socket_bake
 from leaflight.addon.nodes.object_attributes import find_random
 from leaflight.addon.read.export_scene import export_scene
@@ -151,9 +151,7 @@ def test_without_cycles_the_reader_s_own_colour_is_taken(monkeypatch):
 def test_each_object_has_the_colour_of_its_place():
     first = add_floor("First")
     _, tree, shader = add_material(first)
-    second = bpy.data.objects.new("Second", first.data)
-    second.location = (10.0, 0.0, 1.0)
-    bpy.context.scene.collection.objects.link(second)
+    add_object("Second", first.data, location=(10.0, 0.0, 1.0))
     geometry, split, scale = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("NewGeometry", "SeparateXYZ", "Math"))
     scale.operation, scale.inputs[1].default_value = "MULTIPLY", 0.05
     tree.links.new(geometry.outputs["Position"], split.inputs[0])
@@ -166,9 +164,7 @@ def test_each_object_has_the_colour_of_its_place():
 
 def test_coordinates_of_the_camera_are_those_of_the_scenes_own():
     _, tree, shader = add_material(add_floor())
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    camera.location = (-8.0, 0.0, 5.0)
-    bpy.context.scene.collection.objects.link(camera)
+    camera = add_object("Camera", bpy.data.cameras.new("Camera"), location=(-8.0, 0.0, 5.0))
     bpy.context.scene.camera = camera
     coordinates, split, scale = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "Math"))
     scale.operation, scale.inputs[1].default_value = "MULTIPLY", 0.05

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import add_mesh, open_room
+from blend_rooms import add_mesh, add_object, open_room
 from leaflight.addon.read.export_scene import export_scene
 from leaflight.addon.read.strands import MOST_TRIANGLES, Strands, make_tubes
 
@@ -82,9 +82,7 @@ def add_curves(name, strands, radius=None):
     data.attributes["position"].data.foreach_set("vector", points.ravel())
     if radius is not None:
         data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", np.full(len(points), radius, np.float32))
-    obj = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(obj)
-    return obj
+    return add_object(name, data)
 
 
 def test_hair_curves_are_tubes():

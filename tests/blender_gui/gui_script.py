@@ -118,9 +118,13 @@ def crop_of(part, height: int | None = None) -> str:
     return f"{part.width}x{height}+{part.x}+{window().height - part.y - part.height}"
 
 
-def take_picture(path: Path, crop: str, *options: str) -> Iterator[float]:
-    """A part of the screen, with options of ImageMagick's: Blender's own picture is black where OpenGL is software."""
-    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *options, str(path)])
+def take_picture(path: Path, crop: str, *options: str, colors: int = 0) -> Iterator[float]:
+    """A part of the screen, of so many colours where that is set, with options of ImageMagick's.
+
+    Blender's own picture is black where OpenGL is software.
+    """
+    few = ["-colors", str(colors), f"PNG8:{path}"] if colors else [str(path)]
+    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *options, *few])
     while process.poll() is None:
         yield TICK_SECONDS
     print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)

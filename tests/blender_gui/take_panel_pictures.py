@@ -50,8 +50,8 @@ def chosen():
 
 def take_picture(name: str, part, height: int | None = None, wide: int = WIDTH) -> Iterator[float]:
     """The upper part of an area or a region, small enough for a page of documentation."""
-    small = ("-resize", f"{wide}x>", "-dither", "FloydSteinberg", "-colors", str(COLORS))
-    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop_of(part, height), *small)
+    small = ("-resize", f"{wide}x>", "-dither", "FloydSteinberg")
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop_of(part, height), *small, colors=COLORS)
 
 
 def picture_of_view(name: str, height: int = 560) -> Iterator[float]:
@@ -230,7 +230,7 @@ def picture_object() -> Iterator[float]:
 def picture_debug_passes() -> Iterator[float]:
     area = view()
     area.spaces.active.show_region_ui = False
-    chosen().quality, chosen().formats = "PREVIEW", {"exr", "png"}
+    chosen().quality, chosen().formats = "DRAFT", {"exr", "png"}
     for name in ("leaf_edges", "level", "photons", "charts", "stderr"):
         chosen().main_pass = name
         yield from bake()

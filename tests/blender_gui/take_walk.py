@@ -41,8 +41,8 @@ WIDTH, COLORS = 640, 96
 
 def take_picture(name: str, crop: str = "") -> Iterator[float]:
     """The 3D View, or another part of the screen."""
-    small = ("-resize", f"{WIDTH}x>", "-dither", "None", "-colors", str(COLORS))  # dithered they are four times as large
-    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop or crop_of(view()), *small)
+    small = ("-resize", f"{WIDTH}x>", "-dither", "None")  # dithered they are four times as large
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop or crop_of(view()), *small, colors=COLORS)
 
 
 def open_tab() -> Iterator[float]:
