@@ -66,7 +66,7 @@ class KnownLight:
         def mean(values: np.ndarray) -> np.ndarray:
             return np.add.reduceat(values * area, start) / np.add.reduceat(area, start)
 
-        of_photons = self.light.solution.variance[0, leaves] * self.light.correction[0]
+        of_photons = self.light.solution.variance[0, leaves]
         of_rays = np.add.reduceat(direct.variance[:, 0] * area**2, start) / np.add.reduceat(area, start) ** 2
         return Estimates(
             value=self.light.solution.flux[0, leaves] / tree.area[leaves] + mean(direct.irradiance[:, 0]),

@@ -99,6 +99,6 @@ def bake_safely(
     by_rays = (light.direct.irradiance * weight).sum(0, dtype=float)
     ray_noise = (light.direct.variance * weight**2).sum(0, dtype=float)
     area = light.tree.area[light.leaves]
-    noise = (light.solution.variance[:, light.leaves] * area**2).sum(1) * light.correction + ray_noise
+    noise = (light.solution.variance[:, light.leaves] * area**2).sum(1) + ray_noise
     mean = (light.solution.flux[:, light.leaves].sum(1) + by_rays) / weight.sum()
     return Baked(hold, light, pages, mean, np.sqrt(noise) / weight.sum())

@@ -59,7 +59,7 @@ class SquareBake:
     def throw(self, s, t, half=0, emitted=None, flux=None, is_first=True):
         """Deposit photons at s, t in [0, 1) of the square; straight from a light if `is_first`."""
         self.tally.grow(len(self.tree))
-        view = TreeView.of_tree(self.tree, self.n_texel, np.zeros(0, np.int32))
+        view = TreeView.of_tree(self.tree, self.n_texel)
         x, y = s * self.side, t * self.side
         node, *local = view.locate(self.texels.entry_of(np.zeros(len(x), int), x, y), x, y)
         power = np.ones((3, len(x))) if flux is None else flux

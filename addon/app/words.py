@@ -28,7 +28,6 @@ _KNOBS = {
     "force": "Always Bake Again",
     "atlas": "Share Pages",
     "contact": "Cut at Contacts",
-    "gather": "Final Gathering",
     "hierarchical": "Adaptive Leaves",
     "guided": "Guided Photons",
     "seams": "Close Seams",

@@ -33,7 +33,7 @@ from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 17
+FORMAT_VERSION = 18
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Groups of settings, and single settings, in which a continued bake may differ. If only the continued bake has a pass `direct`, the
@@ -56,7 +56,6 @@ class Checkpoint:
 
     tree: Quadtree
     tally: Tally
-    square_tally: Tally
     births: EmissionGuide
     direct: DirectField
     energy_w: NDArray[np.float64]
@@ -75,7 +74,7 @@ class Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.rays, ledger.deposits, ledger.gathered, solver.round
-        parts = solver.tree, solver.tally, solver.square_tally, solver.births, solver.direct
+        parts = solver.tree, solver.tally, solver.births, solver.direct
         cell = np.flatnonzero(solver.cell_tally.flux.any(axis=(0, 1)))
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
         guiding = solver.guiding if late else None
@@ -91,8 +90,7 @@ class Checkpoint:
 
     def give_to(self, solver: Solver) -> None:
         """Give the state to a new solver of the same scene and method."""
-        solver.tree, solver.tally, solver.square_tally = self.tree, self.tally, self.square_tally
-        solver.births = self.births
+        solver.tree, solver.tally, solver.births = self.tree, self.tally, self.births
         solver.direct, solver.round = self.direct, self.round
         solver.cell_tally.flux[:, :, self.cell], solver.cell_tally.photons[:] = self.cell_flux, self.tally.photons
         solver.direct.ask_for(solver.settings.error)

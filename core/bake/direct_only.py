@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter import error_estimate
-from ..filter.radiosity_solution import RadiositySolution
 from ..integrate.direct_field import DirectField
 from ..integrate.light_field import LightField
 from ..parallel.executors import spread
-from ..radiosity import quadtree, refine, tally
+from ..radiosity import quadtree, tally
 from ..texels.error_metric import ErrorMetric
 from ..texels.texel_map import TexelMap
 from ..transport.energy_audit import Ledger
@@ -49,17 +48,14 @@ def settle_direct(
     rules = StopRules(settings, should_stop, time.monotonic(), deadline)
     tree = quadtree.plant_trees(texels, _DEGREE, 0, settings.finest_texels, flat=False)
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
-    solution = tally.solve_tallies(tree, totals)
-    comparison = refine.Comparison.of(tree, totals, solution, refine.Rule(settings.oracle, settings.threshold, settings.stability, 1))
-    reading = RadiositySolution(tree, totals, solution, comparison, np.arange(len(tree)))
     while True:
         looked = time.monotonic()
         shown = direct.show(texels, settings.denoise, partial(spread, executor))
-        stated = error_estimate.state_error(reading, shown, texels, metric=metric)
+        stated = error_estimate.state_error(metric, shown, error_estimate.PhotonLight.none())
         if deadline:
             deadline.note_light(time.monotonic() - looked)
         worst = _find_worst(direct, stated.texel_direct2(), settings.error)
-        stopped_by = "error" if stated.direct <= settings.error else "" if len(worst) else "max_rays"
+        stopped_by = "error" if stated.relative <= settings.error else "" if len(worst) else "max_rays"
         if should_stop():
             stopped_by = "interrupted"
         elif not stopped_by and rules.is_late():
@@ -69,12 +65,11 @@ def settle_direct(
         direct.shoot(folder, settings, executor, worst, tell, rules.break_off)
     return LightField(
         tree=tree,
-        solution=solution,
-        leaves=reading.leaves,
+        solution=tally.solve_tallies(tree, totals),
+        leaves=np.arange(len(tree)),
         received=totals.received,
-        correction=np.ones(3),
         direct=direct,
-        error=stated.direct,
+        error=stated.relative,
         photons=0,
         rounds=0,
         stopped_by=stopped_by,

@@ -113,7 +113,7 @@ def find_light(run: Run, loaded: Loaded, executor: Executor) -> FoundLight:
     receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))
     hurried = run.deadline.is_over() and needs.photons and not job.resume
     if hurried:  # there is time for one round of photons only
-        settings, first = dataclasses.replace(settings, direct="photons", gather=False), FirstPhotons()
+        settings, first = dataclasses.replace(settings, direct="photons"), FirstPhotons()
     light, solver = LightSearch(run, settings, needs, receivers, executor, first, loaded.surfaces, snapshot.tri_object).find()
     return FoundLight(light, solver, atlas, receivers, settings, hurried)
 

@@ -12,9 +12,6 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..parallel import shared_arrays
 from ..radiosity.deposit_worth import Guiding
 from ..radiosity.quadtree import Quadtree, TreeView
@@ -69,9 +66,9 @@ class PhotonRounds:
         _remove_views(self.dropped)
 
 
-def save_view(folder: Path, tree: Quadtree, n_texel: int, square_entry: NDArray[np.int32], guiding: Guiding | None) -> str:
+def save_view(folder: Path, tree: Quadtree, n_texel: int, guiding: Guiding | None) -> str:
     """Save the view and the guide for the shards of a round, and return the folder; arguments are as for TreeView.of_tree."""
-    shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, square_entry, shared_arrays.Room(folder)))
+    shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, shared_arrays.Room(folder)))
     if guiding:
         shared_arrays.save_struct(folder / photon_shards.GUIDING_FOLDER, guiding)
     return str(folder)

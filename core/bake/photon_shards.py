@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..filter.subtexel_tally import deposit_on_squares
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_view_open
 from ..radiosity.cell_tally import CellFlux
@@ -66,6 +65,7 @@ class PhotonShard:
         guided: bool = False,
     ) -> list[PhotonShard]:
         """Shards with `shares` photons each; the other arguments are as the fields."""
+        by_rays = settings.direct == "rays"
         whole = cls(
             tracing=str(folder),
             view=view,
@@ -73,9 +73,9 @@ class PhotonShard:
             round=round_,
             shard=0,
             photons=0,
-            max_depth=settings.max_depth,
+            max_depth=settings.max_depth - by_rays,  # the gather ray adds a bounce
             degree=degree,
-            skip_first=settings.direct == "rays",
+            skip_first=by_rays,
             guided=guided,
         )
         return [replace(whole, shard=number, photons=share) for number, share in enumerate(shares)]
@@ -86,13 +86,11 @@ class PhotonResult:
     """Sums and counts of one shard. Each of its photons carries the power of the whole scene.
 
     tally       sums over nodes
-    squares     sums over squares of subtexel_tally
     births      tally for the emission guide, if there is one
     elsewhere   photons on sides without a lightmap
     """
 
     tally: ShardTally
-    squares: ShardTally
     audit: EnergyAudit
     counters: Counters
     births: BirthTally | None
@@ -107,7 +105,6 @@ class PhotonResult:
         return replace(
             first,
             tally=ShardTally.join([piece.tally for piece in pieces]),
-            squares=ShardTally.join([piece.squares for piece in pieces]),
             audit=EnergyAudit.join([piece.audit for piece in pieces]),
             counters=Counters.join([piece.counters for piece in pieces]),
             elsewhere=CellFlux.join([piece.elsewhere for piece in pieces]),
@@ -138,11 +135,10 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guidi
     node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
     is_first = None if shard.skip_first and not tracing.scene.has_caustics else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
-    on_squares = deposit_on_squares(tracing.texels, view.square_entry, entry, hits.tri, x, y, hits.flux_rgb, is_first)
     born = None
     if guiding and hits.groups:
         born = BirthTally.of(hits.groups, weigh_groups(hits.groups, guiding.worth, node, hits.flux_rgb), len(guiding.cells))
-    return PhotonResult(sums, on_squares, hits.audit, hits.counters, born, CellFlux.of(cell, flux, 2 * len(cells)))
+    return PhotonResult(sums, hits.audit, hits.counters, born, CellFlux.of(cell, flux, 2 * len(cells)))
 
 
 def trace_ahead(shard: PhotonShard) -> bool:

@@ -1,6 +1,8 @@
-"""From a traced scene to light on texels: rounds of photons, refinement, and the rule that stops them.
+"""From a traced scene to light on texels: rounds of photons, rays that gather their light, and the rule that stops them.
 
 A photon's way: lights.emit -> photons.trace_shard -> texels.entry_of -> tally.deposit -> refine.mark -> quadtree.split.
+Two rounds of photons are traced, then every texel gathers their light; if the photons' share of the error is too great, more are traced,
+and texels gather again. With direct = "photons" leaves are the light, as in [Tobler97], and rounds go on until their error is small.
 With workers and bake the only module that sees both the tracing and the statistics.
 """
 
@@ -18,15 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter import error_estimate
-from ..filter.radiosity_solution import RadiositySolution
-from ..filter.subtexel_tally import Squares
+from ..filter.denoise import Spread
 from ..integrate import texel_shards
-from ..integrate.adaptive_sampling import DIRECT_SHARE, SamplingStep, Stop, Tell, choose_texels, run_step
+from ..integrate.adaptive_sampling import SamplingStep, Stop, Tell, choose_texels, run_step
 from ..integrate.bright_places import find_bright
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight
-from ..integrate.gathered import GatheredField, PilotError, choose_pilots
+from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
 from ..integrate.reference_level import ReferenceLevel
 from ..integrate.texel_light import find_known
@@ -34,9 +35,8 @@ from ..parallel.executors import spread
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
 from ..radiosity.deposit_worth import Guiding, weigh_deposits
-from ..radiosity.spatial_shrinkage import CELL_BITS, SpatialShrinkage
+from ..radiosity.radiosity_solution import RadiositySolution
 from ..radiosity.tally import Tally
-from ..scene.morton import code_cells
 from ..texels.error_metric import ErrorMetric, Parts
 from ..transport import rounds, traced_scene
 from ..transport.emission_guide import EmissionGuide
@@ -51,13 +51,7 @@ from .photon_shards import PhotonShard
 from .stop_rules import StopRules
 
 _LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
-_FIRST_GATHERING = 2  # rounds before indirect light is gathered: the first trees are too coarse for what its rays meet
-# Where the error of leaves is at most this many times the requested one, light is gathered without pilots: it is a mean over many leaves.
-# Measured at 2 % on eleven zoo seeds: with pilots alone two bakes take 1.6 and 2.4 times the CPU time, and no error is smaller.
-_SURELY_KNOWN = 2.5
-# Share of the requested squared error that photons' noise may have in gathered light. The rest is for the variance of shadow rays and of
-# gather rays.
-_GATHERED_SHARE = DIRECT_SHARE**2
+PHOTONS_SHARE = 0.5  # share of the requested error that photons may have in gathered light; the rest is for rays
 TRACING = Status("photons", "Tracing photons")
 
 
@@ -86,8 +80,6 @@ class Solver:
             self._grow_previews()
         components = 1 if settings.direct == "rays" and not self.tracing.scene.has_caustics else tally.COMPONENTS
         self.tally = Tally.empty(len(self.tree), self.degree, components)
-        self.squares = Squares.of(texels, self.forced_texels)
-        self.square_tally = Tally.empty(len(self.squares.entry), 0, components)
         self.births = EmissionGuide.of(self.tracing.scene.emitter_share)
         self.reading: RadiositySolution | None = None  # after the last round, as are the next two
         self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # parts whose error was estimated, and Parts.weigh of them
@@ -95,9 +87,8 @@ class Solver:
         self._mean_direct: tuple[tuple[RadiositySolution, int], NDArray[np.float64]] | None = (
             None  # result of _find_mean_direct and its key
         )
-        self._few: tuple[RadiositySolution, SpatialShrinkage] | None = None  # result of _find_few and its key
         self.gathered: GatheredField | None = None
-        self._pilots: tuple[RadiositySolution, PilotError] | None = None  # result of _gather_pilots, and its reading
+        self._gathered_of = 0  # photons whose light was gathered
         self.metric = ErrorMetric.of(settings.error_of, texels, self.tracing.snapshot.tri_object)
         self.cell_tally = CellTally.empty(len(self.tracing.cells))
         self.ledger, self.rounds, self.round = Ledger(), PhotonRounds(self.executor), 0
@@ -148,8 +139,7 @@ class Solver:
                 run_step(step, tell, rules.break_off, TRACING)
                 light, stated = self._light(reading)
             stopped_by = rules.find_reason(light.error, light.photons) or self._find_haste()
-            error = light.error if stopped_by in ("", "error") else stated.relative  # without the allowance for selection by a small error
-            light = replace(light, error=error, stopped_by=stopped_by)
+            light = replace(light, stopped_by=stopped_by)
             tell(rules.measure_progress(light, self.photons_before))
             if light.stopped_by:
                 self.rounds.drop()
@@ -165,12 +155,14 @@ class Solver:
     def _choose_step(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> SamplingStep | None:
         """The step that sends more rays from texels, if it reduces the error by more than further photons do."""
         settings, ledger = self.settings, self.ledger
-        if settings.direct != "rays" or (self.gathered and stated.chosen <= settings.error):
+        if settings.direct != "rays":
             return None
-        if self.gathered and self._is_last and stated.photons > settings.error:
-            return None  # more rays do not reach the requested error, for the photons' noise alone exceeds it
-        if self.gathered is None and self._may_gather(reading, stated):
-            return partial(self._gather, reading, np.arange(len(self.tracing.texels)))
+        needs_photons = self._foresee_photons(stated) > PHOTONS_SHARE * settings.error and not self._is_last
+        if self._gathered_of < ledger.photons:
+            every = np.arange(len(self.tracing.texels))
+            return None if needs_photons and self.gathered else partial(self._gather, reading, every)
+        if stated.relative <= settings.error or needs_photons or stated.photons > settings.error:
+            return None  # what was gathered is gathered anew after more photons
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:
             return None
@@ -178,6 +170,10 @@ class Solver:
         if rays is self.gathered:
             return partial(self._gather, reading, worst, repeats=repeats)
         return partial(self._shoot_again, reading, worst, repeats)
+
+    def _foresee_photons(self, stated: error_estimate.StatedError) -> float:
+        """Relative error that the photons so far will leave in gathered light, by what fewer have left."""
+        return stated.photons * math.sqrt(self._gathered_of / max(self.ledger.photons, 1))
 
     @property
     def _is_last(self) -> bool:
@@ -190,42 +186,6 @@ class Solver:
             return None
         return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
 
-    def _may_gather(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> bool:
-        """Whether to gather indirect light: what rays meet is known well enough to reach the requested error. Where no more photons may be
-        traced, it is enough that gathered light would err less than leaves.
-
-        Leaves alone never end a bake that may gather: beside contacts and edges they blur, which their stated error hardly contains.
-        """
-        settings = self.settings
-        if not settings.gather or settings.direct != "rays" or not settings.hierarchical or not settings.wants_all_light:
-            return False  # a gather ray adds one bounce
-        if self.round < _FIRST_GATHERING:
-            return False
-        if stated.relative <= _SURELY_KNOWN * settings.error or not uses("gather_pilots"):
-            return stated.relative <= _SURELY_KNOWN * settings.error
-        pilots = self._gather_pilots(reading, stated)
-        if self._is_last:
-            return pilots.photons2 <= stated.relative**2 - stated.direct**2
-        return pilots.cautious2 <= _GATHERED_SHARE * settings.error**2
-
-    def _gather_pilots(self, reading: RadiositySolution, stated: error_estimate.StatedError) -> PilotError:
-        """Gather light at some blocks of texels, once for each reading, to estimate the error of gathered light."""
-        if self._pilots is None or self._pilots[0] is not reading:
-            entry = choose_pilots(len(self.tracing.texels))
-            pilot = GatheredField.none(len(self.tracing.texels))
-            pilot.gather(self.folder, self.settings, self.executor, entry, self._find_known(reading))
-            self.ledger.gathered += pilot.counters["rays"]
-            before = self._pilots[1] if self._pilots else None
-            self._pilots = reading, PilotError.of(pilot, entry, stated.weigh(entry), self.ledger.photons, before)
-        return self._pilots[1]
-
-    def _find_known(self, reading: RadiositySolution) -> KnownLight:
-        """The light that gather rays meet."""
-        light, doubt = find_known(replace(self._make_light(reading), few=self._find_few(reading)), self.tracing.texels)
-        on_cells, cell_doubt = self.cell_tally.irradiance(self.tracing.cells)
-        bright = find_bright(texel_shards.open_surfaces(str(self.folder)), light, on_cells.sum(axis=0))
-        return KnownLight(light, doubt, on_cells, cell_doubt, bright)
-
     def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         other = self._other_light(reading)
         for _ in range(repeats):
@@ -233,23 +193,30 @@ class Solver:
                 return
 
     def _gather(self, reading: RadiositySolution, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:
-        into = self.gathered = self.gathered or GatheredField.none(len(self.tracing.texels))
+        """Gather light at texels; if photons were traced since the last time, anew."""
         known = self._find_known(reading)
+        is_new = self.gathered is None or self._gathered_of < self.ledger.photons
+        into = GatheredField.none(len(self.tracing.texels)) if is_new or self.gathered is None else self.gathered
         before = into.counters.get("rays", 0)
         for _ in range(repeats):
             if not into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop):
                 break
         self.ledger.gathered += into.counters.get("rays", 0) - before
-        if not into.passes.all():  # stopped before every texel had a first estimate: a mix of both estimators would show
-            self.gathered = None
+        if into.passes.all():  # else it was stopped before every texel had an estimate, and the earlier one stays
+            self.gathered, self._gathered_of = into, self.ledger.photons
+
+    def _find_known(self, reading: RadiositySolution) -> KnownLight:
+        """The light that gather rays meet."""
+        light, doubt = find_known(self._make_light(reading), self.tracing.texels)
+        on_cells, cell_doubt = self.cell_tally.irradiance(self.tracing.cells)
+        bright = find_bright(texel_shards.open_surfaces(str(self.folder)), light, on_cells.sum(axis=0))
+        return KnownLight(light, doubt, on_cells, cell_doubt, bright)
 
     def _read_tallies(self) -> RadiositySolution:
-        squares = self.squares.light(self.square_tally)
-        shrink = self.settings.hierarchical and uses("coefficient_shrinkage")
-        return RadiositySolution.of(self.tree, self.tally, self.rule, self.metric, shrink, squares)
+        return RadiositySolution.of(self.tree, self.tally, self.rule, self.settings.hierarchical and uses("coefficient_shrinkage"))
 
     def _trace_round(self, stated: error_estimate.StatedError | None) -> None:
-        self.gathered, self.guiding = None, self._guide_photons()
+        self.guiding = self._guide_photons()
         view = self._save_view(self.round)
         settings, born, (photons, left) = self.settings, [], self._next_photons(stated)
         ahead, guided = rounds.count_ahead(self.round, settings.direct == "rays"), self.guiding is not None
@@ -258,7 +225,6 @@ class Solver:
         shards = [self.first.take(shard) for shard in shards]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
             self.tally.add(shard.shard % 2, result.tally, shard.photons)
-            self.square_tally.add(shard.shard % 2, result.squares, shard.photons)
             self.ledger.add(shard.photons, result.audit, result.counters)
             self.cell_tally.add(shard.shard % 2, result.elsewhere, shard.photons)
             if self.round and shard.shard % 2 and self.deadline.is_over():  # after a pair of shards both halves have equally many photons
@@ -271,7 +237,7 @@ class Solver:
 
     def _save_view(self, number: int) -> str:
         place = self.folder / f"view_{self.settings.direct}_{number}"  # a bake by photons alone may follow one by rays that stopped at once
-        return save_view(place, self.tree, len(self.tracing.texels), self.squares.entry, self.guiding)
+        return save_view(place, self.tree, len(self.tracing.texels), self.guiding)
 
     def send_again(self, late: list[PhotonShard], guiding: Guiding | None) -> None:
         """Resend shards of the last round that were under way when the bake stopped, if its limit allows them and another round."""
@@ -321,26 +287,19 @@ class Solver:
         """The light after the last round with its stated error."""
         texels = self.tracing.texels
         limited = self.deadline.limit_spread(partial(spread, self.executor), self.deadline.is_over)
-        shown = texels, self.settings.denoise, limited
-        direct, gathered = self.direct.show(*shown), self.gathered.show_gathered(*shown) if self.gathered else None
-        photon_w, few = self.ledger.photon_w(), self._find_few(reading)
-        stated = error_estimate.state_error(reading, direct, texels, self.settings.denoise, gathered, self.metric, photon_w, few)
+        direct = self.direct.show(texels, self.settings.denoise, limited)
+        stated = error_estimate.state_error(self.metric, direct, self._show_photons(reading, limited))
         self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
         return self._make_light(reading, stated), stated
 
-    def _find_few(self, reading: RadiositySolution) -> SpatialShrinkage | None:
-        """Leaves with few photons, cached; None where photons carry direct light from lamps.
-
-        Direct light has sharp edges, over which light must not be averaged.
-        """
-        if self.settings.direct != "rays" or not uses("spatial_shrinkage"):
-            return None
-        if self._few is None or self._few[0] is not reading:
-            nodes = reading.tree, reading.solution, reading.leaves, reading.totals.received
-            tri = self.tracing.texels.texel_tri[reading.tree.start[reading.leaves]]
-            cell = code_cells(self.tracing.snapshot, tri, CELL_BITS)
-            self._few = reading, SpatialShrinkage.of(*nodes, reading.correction, cell)
-        return self._few[1]
+    def _show_photons(self, reading: RadiositySolution, limited: Spread) -> error_estimate.PhotonLight:
+        """Gathered light, or that of leaves."""
+        texels, tree = self.tracing.texels, reading.tree
+        leaf = quadtree.node_of_texel(tree, reading.leaves, len(texels))
+        if self.gathered:
+            return self.gathered.show_photons(texels, self.settings.denoise, limited)
+        total = float((reading.mean[reading.leaves] * (tree.end - tree.start)[reading.leaves, None]).sum())
+        return error_estimate.PhotonLight(lambda entry: reading.mean[leaf[entry]], total, lambda entry: reading.error2[leaf[entry]])
 
     def _make_light(self, reading: RadiositySolution, stated: error_estimate.StatedError | None = None) -> LightField:
         return LightField(
@@ -348,25 +307,24 @@ class Solver:
             solution=reading.solution,
             leaves=reading.leaves,
             received=reading.totals.received,
-            correction=stated.correction if stated else np.ones(3),
             direct=self.direct,
-            error=stated.chosen if stated else math.nan,
+            error=stated.relative if stated else math.nan,
             photons=self.ledger.photons,
             rounds=self.round,
             stopped_by="",
             ledger=self.ledger,
-            squares=reading.squares,
             gathered=self.gathered,
-            neighbours=stated.neighbours if stated else None,
-            few=self._find_few(reading) if stated else None,
         )
 
     def _next_photons(self, stated: error_estimate.StatedError | None) -> tuple[int, int]:
         """Photons of the next round, and how many the bake may trace after it: 0 where it probably needs none."""
-        errors = (math.nan, 0.0) if stated is None else (stated.chosen, math.hypot(stated.direct, stated.gathered))
+        errors = (math.nan, 0.0) if stated is None else (stated.relative, math.hypot(stated.direct, stated.gathered))
+        if stated and self.gathered:
+            rays = math.sqrt(1.0 - PHOTONS_SHARE**2) * self.settings.error
+            errors = math.hypot(self._foresee_photons(stated), rays), rays
         settings, most, late = self.settings, self.settings.max_photons, self.rounds.count_late()
         so_far = self.ledger.photons + late
-        degree = self.degree if settings.hierarchical else None
+        degree = self.degree if settings.hierarchical and settings.direct == "photons" else None  # gather rays average over many leaves
         photons, is_last = rounds.next_photons(so_far, most, len(self.tree), settings.error, *errors, degree)
         photons = max(self.deadline.cap_photons(photons), min(photons, _LEAST_PHOTONS))
         return photons, 0 if is_last else most - so_far - photons

@@ -32,7 +32,7 @@ class WorkPlan:
     @classmethod
     def of(cls, settings: Settings, surfaces: SurfaceMaterials) -> WorkPlan:
         lit = set(settings.passes) - set(SURFACE_PASSES)
-        indirect = bool(lit - {"direct"}) and surfaces.reflects
+        indirect = bool(lit - {"direct"}) and surfaces.reflects and settings.max_depth > 1
         return cls(bool(lit), indirect, indirect or (bool(lit) and settings.direct == "photons"))
 
     def trim(self, settings: Settings) -> Settings:

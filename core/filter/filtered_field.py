@@ -179,17 +179,3 @@ def _add_channels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """(n,) float32: sums over the last axis of (n, 3), three times as fast as numpy's sum."""
     total: NDArray[np.float32] = values[:, 0] + values[:, 1] + values[:, 2]
     return total
-
-
-@dataclass(frozen=True)
-class FilteredGather:
-    """Gathered light at the texel entries after the filter.
-
-    light      its irradiance, and the variance from the choice of rays
-    doubt2     (n,) float32, (W/m^2)^2: squared error from the photons whose light was gathered
-    is_shown   (n,) bool: texels whose indirect light is the gathered one
-    """
-
-    light: FilteredField
-    doubt2: NDArray[np.float32]
-    is_shown: NDArray[np.bool_]

@@ -57,7 +57,7 @@ def choose_texels(
         error2[~is_open] = 0.0
     worst = np.flatnonzero((error2 > most) & (rays.passes < rays.most_passes))
     least = int(_GROWTH * rays.passes.sum(dtype=np.int64)) if uses("batches") else 0
-    left2 = (error**2 - (stated.chosen**2 - own2)) / SPARE
+    left2 = (error**2 - (stated.relative**2 - own2)) / SPARE
     if most < left2 < own2:  # otherwise another error term dominates, and every texel is sampled to its own tolerance
         worst = _find_enough(error2, worst, rays.passes[worst], 1.0 - left2 / own2, least)
     if not len(worst):

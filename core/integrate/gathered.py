@@ -1,4 +1,4 @@
-"""Indirect light gathered at every texel, where leaves would need many more photons."""
+"""Indirect light gathered at every texel by rays."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filter.denoise import Spread
-from ..filter.filtered_field import FilteredGather
+from ..filter.error_estimate import PhotonLight
 from ..lights.direct_points import STAGES
 from ..parallel import shared_arrays
-from ..texels.error_metric import BEST_TEXELS
 from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
 from ..util.messages import Message, Status
@@ -28,11 +27,6 @@ from .gather import KnownLight
 
 # Neighbours whose rays see much the same surfaces, so that one mean over all their rays estimates the photons' noise on these.
 _BLOCK = 64
-# Number of pilot blocks, and least number of blocks for each of them: the mean of the squares of 64 normal variables has an error of 18 %.
-_PILOT_BLOCKS, _BLOCKS_PER_PILOT = 64, 16
-# An estimate of photons' noise is too small by chance where rare photons carry much power: on a level below a sky it was 3.3, 13, 12, 4.7,
-# 8.7, 6.6 and 3.0 % after successive rounds. The first squared estimate is multiplied by this; later ones are compared with the one before.
-_FIRST_PILOT2 = 4.0
 # Rays of a texel in one pass at this requested error, besides those to bright places; their number goes as its inverse, as further passes
 # add rays where they help most. Measured on eight random scenes and two files: asked for 5 %, 4 rays leave an error of 2.1 to 4.5 %, on one
 # scene 6.4 %, and take 0.55 to 0.9 times as long as 16; asked for 2 %, 64 rays take 1.2 to 1.7 times as long as 16.
@@ -84,9 +78,10 @@ class GatheredField(DirectField):
         self.doubt[rows] = (self.doubt[rows] * before + light.doubt) / (before + 1)
         super()._add(rows, light)
 
-    def show_gathered(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> FilteredGather:
-        """Arguments as of show."""
-        return FilteredGather(self.show(texels, smooth, spread), self.find_doubt2(), self.passes > 0)
+    def show_photons(self, texels: TexelMap, smooth: bool, spread: Spread = starmap) -> PhotonLight:
+        """As show, with the error that the photons' noise leaves in it."""
+        shown, doubt2 = self.show(texels, smooth, spread), self.find_doubt2()
+        return PhotonLight(shown.irradiance_at, shown.total_light, lambda entry: np.repeat(doubt2[entry, None], 3, axis=1), shown)
 
     def find_doubt2(self) -> NDArray[np.float32]:
         """(n,) float32, (W/m^2)^2: variance that the photons' noise leaves in gathered light."""
@@ -94,43 +89,3 @@ class GatheredField(DirectField):
         size = np.diff(np.append(start, len(self.doubt)))
         mean = np.add.reduceat(self.doubt, start) / size
         return np.repeat(mean * mean, size).astype(np.float32)
-
-
-def choose_pilots(n_texel: int) -> NDArray[np.int64]:
-    """(m,) int64, ascending: texel entries of whole blocks, spread evenly over all, from which the error of gathered light is estimated."""
-    blocks = -(-n_texel // _BLOCK)
-    chosen = np.unique(np.linspace(0, blocks - 1, min(_PILOT_BLOCKS, -(-blocks // _BLOCKS_PER_PILOT))).astype(np.int64))
-    entry: NDArray[np.int64] = (chosen[:, None] * _BLOCK + np.arange(_BLOCK)).ravel()
-    return entry[entry < n_texel]
-
-
-@dataclass(frozen=True)
-class PilotError:
-    """Squared relative errors of light that pilot texels have gathered.
-
-    photons    of the bake so far
-    photons2   error from photons' noise
-    cautious2  upper estimate of photons2, in view of an earlier estimate
-    """
-
-    photons: int
-    photons2: float
-    cautious2: float
-
-    @classmethod
-    def of(
-        cls, pilot: GatheredField, entry: NDArray[np.int64], weight: NDArray[np.float32], photons: int, before: PilotError | None
-    ) -> PilotError:
-        """The errors at texel entries (m,) of a field.
-
-        weight   (m, 3), of ReferenceLight.weigh
-        before   the errors after fewer photons; None for none
-        """
-        photons2 = _mean_best((weight * pilot.find_doubt2()[entry, None]).mean(axis=1))
-        cautious2 = max(photons2, before.photons2 * before.photons / photons) if before else _FIRST_PILOT2 * photons2
-        return cls(photons, photons2, cautious2)
-
-
-def _mean_best(error2: NDArray[np.float32]) -> float:
-    """Mean of squared errors (n,), clipped at their quantile of error_metric.BEST_TEXELS."""
-    return float(np.minimum(error2, np.quantile(error2, BEST_TEXELS)).mean(dtype=np.float64))

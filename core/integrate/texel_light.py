@@ -1,12 +1,12 @@
 """The light at texels, put together from the parts that a bake has found. No other module does this.
 
 A texel's light is direct + indirect. Direct light comes from shadow rays, or from photons where the bake sends no rays; light from lamps by
-mirrors and glass is direct too, and always comes from photons. Indirect light is that of the texel's leaf in the quadtree, or gathered
-light where gather rays were sent. Two levels of detail:
+mirrors and glass is direct too, and always comes from photons. Indirect light is gathered by rays; before it is, and where the bake sends
+no rays, it is that of the texel's leaf in the quadtree. Two levels of detail:
 
-    light_at_texels   all texels, with leaves blended, tallies at contacts mixed in, and grain filtered: what pages show
-    glance_at         some texels, with neither blending nor filters: what a viewport shows while a bake runs, and what gather rays find on
-                      the surfaces that they meet
+    light_at_texels   all texels, with noise filtered: what pages show
+    glance_at         some texels, without filters: what a viewport shows while a bake runs, and what gather rays find on the surfaces that
+                      they meet
 """
 
 from __future__ import annotations
@@ -17,14 +17,10 @@ from itertools import starmap
 import numpy as np
 from numpy.typing import NDArray
 
-from ..filter import denoise, reconstruct, seams, subtexel_tally
-from ..filter.border_feathering import close_cuts
-from ..filter.clip_light import clip_light
-from ..filter.firefly_clamp import clip_flecks
-from ..filter.neighbours import Neighbours
+from ..filter import denoise, seams
+from ..radiosity.leaf_light import clip_light, evaluate_nodes, find_variance
 from ..radiosity.quadtree import node_at_entries, node_of_texel
-from ..texels.texel_map import FOOTPRINT_SIDE, TexelMap
-from ..util.ablation import uses
+from ..texels.texel_map import TexelMap
 from ..util.arrays import Float32, IntArray
 from ..util.threads import run_on_threads
 from .light_field import LightField
@@ -60,65 +56,45 @@ def light_at_texels(
 ) -> TexelLight:
     """Light at every texel, as pages show it.
 
-    doubt   compute the standard error too, as it is before grain is filtered
+    doubt   compute the standard error too, as it is before noise is filtered
     spend   the field's direct light is no longer needed: the result may take its place in memory
     """
-    by_rays = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
+    noise = field.direct.variance.copy() if doubt else None
+    direct = field.direct.take_shown(texels, smooth_grain, spread, in_place=spend)
     leaf = node_of_texel(field.tree, field.leaves, len(texels))
-    side = field.tree.side[leaf]
-    variance = field.direct.variance if spend and not doubt else np.empty((len(texels), 3), np.float32)
-    # (1 or 2, n, 3): direct light, where photons carry any, and indirect light.
-    by_photons = _blend_leaves(field, texels, leaf, variance, threads)
-    if field.few:
-        field.few.show(by_photons[-1], variance, leaf)
-    clip_flecks(by_photons[-1], variance, leaf, side, texels)
-    close_cuts(by_photons, texels, side)
-    _share_across_occluders(by_photons, texels)
-    is_grainy = side <= denoise.SMALL_LEAF
-    if field.squares is not None:
-        is_grainy |= subtexel_tally.mix(by_photons.transpose(0, 2, 1), variance.T, field.squares, texels)
-    if field.gathered:
-        gathered = field.gathered.show_gathered(texels, smooth_grain, spread)
-        entry = np.flatnonzero(gathered.is_shown)
-        is_grainy[entry] = False
-        by_photons[-1, entry] = np.maximum(gathered.light.irradiance_at(entry), 0.0)
-        variance[entry] = field.gathered.variance[entry] + gathered.doubt2[entry, None]
-    if smooth_grain and uses("leaf_filter"):  # without light by rays, which is far more accurate and would be blurred
-        found = denoise.denoise(by_photons, variance, is_grainy, texels, spread)
-        by_photons[:, found.entry] = found.light
-    noise = field.direct.variance if doubt else None
-
-    def finish(part: slice) -> None:
-        if len(by_photons) == 2:
-            by_photons[0, part] += by_rays[part]
+    indirect = field.gathered.show(texels, smooth_grain, spread).irradiance if field.gathered else None
+    if field.gathered and noise is not None:
+        noise += field.gathered.variance + field.gathered.find_doubt2()[:, None]
+    if indirect is None or field.has_direct_photons:
+        by_photons, variance = _light_leaves(field, texels, leaf, threads)
+        if smooth_grain:  # without light by rays, which is far more accurate and would be blurred
+            is_grainy = field.tree.side[leaf] <= denoise.SMALL_LEAF
+            found = denoise.denoise(by_photons, variance, is_grainy, texels, spread)
+            by_photons[:, found.entry] = found.light
         if noise is not None:
-            variance[part] += noise[part]
-            np.sqrt(variance[part], out=variance[part])
-
-    run_on_threads(finish, len(texels), threads)
-    direct = by_photons[0] if len(by_photons) == 2 else by_rays
-    return TexelLight(direct, by_photons[-1], variance if doubt else None, leaf)
+            noise += variance
+        if field.has_direct_photons:
+            by_photons[0] += direct
+            direct = by_photons[0]
+        indirect = by_photons[-1] if indirect is None else indirect
+    return TexelLight(direct, np.maximum(indirect, np.float32(0.0)), None if noise is None else np.sqrt(noise), leaf)
 
 
 def glance_at(field: LightField, texels: TexelMap, entry: IntArray, rays_alone: bool = False) -> Float32:
     """(2, m, 3) float32, W/m^2: direct and indirect light at texel entries (m,), unfiltered and quick to compute; never negative.
 
-    The flux of a leaf is preserved over its texels in `entry`, see clip_light.
+    The flux of a leaf is preserved over its texels in `entry`, see leaf_light.clip_light.
 
     rays_alone   where shadow rays were sent, leave out the photons' direct light, because photons carried the same light; otherwise
                  theirs is light by mirrors and glass, and is added
     """
-    tree, leaf = field.tree, node_at_entries(field.tree, field.leaves, entry)
-    x, y = texels.own_points_at(entry)
-    irradiance = reconstruct.evaluate_leaf(tree, field.solution, leaf, x, y).irradiance
+    node = node_at_entries(field.tree, field.leaves, entry)
+    irradiance = evaluate_nodes(field.tree, field.solution.coefficient, node, *texels.own_points_at(entry))
     for values in irradiance.reshape(-1, len(entry)):
-        clip_light(values, texels.texel_area[entry], leaf, tree)
+        clip_light(values, texels.texel_area[entry], node)
     direct, indirect = light = np.ascontiguousarray(irradiance.transpose(0, 2, 1), np.float32)
-    if field.few:
-        field.few.show(indirect, None, leaf)
     if field.gathered:
-        found = np.flatnonzero(field.gathered.passes[entry])
-        indirect[found] = np.maximum(field.gathered.irradiance[entry[found]], 0.0)
+        indirect[:] = np.maximum(field.gathered.irradiance[entry], 0.0)
     if rays_alone:
         direct[field.direct.passes[entry] > 0] = 0.0
     direct += field.direct.irradiance[entry]
@@ -139,46 +115,26 @@ def find_known(field: LightField, texels: TexelMap) -> tuple[Float32, Float32]:
         entry = np.arange(part.start, part.stop)
         light[:, part] = glance_at(leaves, texels, entry).sum(axis=0).T
         node = node_at_entries(field.tree, field.leaves, entry)
-        x, y = texels.own_points_at(entry)
-        halves = reconstruct.evaluate_leaf(field.tree, field.solution, node, x, y, halves=True).irradiance
+        halves = evaluate_nodes(field.tree, field.solution.half, node, *texels.own_points_at(entry))
         doubt[part] = (halves[0] - halves[1]).mean(axis=0) / 2.0
     return light, doubt
 
 
-def _blend_leaves(field: LightField, texels: TexelMap, leaf: NDArray[np.int32], variance: Float32, threads: int) -> NDArray[np.float32]:
-    """(C, n, 3) float32, W/m^2: light carried by photons, blended between leaves: direct and indirect if C = 2, else indirect alone.
-
-    variance   (n, 3) float32, of their sum: filled here
+def _light_leaves(field: LightField, texels: TexelMap, leaf: NDArray[np.int32], threads: int) -> tuple[Float32, Float32]:
+    """(C, n, 3) float32, W/m^2: light that pages take from leaves: direct, if photons carry any, and indirect, if it is not gathered; and
+    (n, 3) float32, (W/m^2)^2: the variance of their sum.
     """
-    first = 0 if _any_direct(field) else 1
-    light = np.empty((2 - first, len(texels), 3), np.float32)
-    neighbours = field.neighbours or Neighbours.of(field.tree, leaf, texels)
-    blend = reconstruct.Blend(texels, field.tree, field.solution, leaf, neighbours, halves=False)
+    which = slice(0 if field.has_direct_photons else 1, 1 if field.gathered else 2)
+    coefficient = field.solution.coefficient[which]
+    light, variance = np.empty((len(coefficient), len(texels), 3), np.float32), np.empty((len(texels), 3), np.float32)
 
     def fill(part: slice) -> None:
-        found = blend.range(part.start, part.stop)
-        for channel in range(3):  # several times faster than on transposed arrays
-            for of_part, values in zip(light, found.irradiance[first:, channel], strict=True):
-                of_part[part, channel] = values
-            variance[part, channel] = found.variance[channel] * field.correction[channel]
+        node, points = leaf[part], texels.own_points(part.start, part.stop)
+        light[:, part] = evaluate_nodes(field.tree, coefficient, node, *points).transpose(0, 2, 1)
+        variance[part] = find_variance(field.tree, field.solution, node, *points).T
 
     run_on_threads(fill, len(texels), threads)
     for of_part in light:
-        for channel in range(3):  # a fitted plane may dip below zero beside a spot of light
-            clip_light(of_part[:, channel], texels.texel_area, leaf, field.tree)
-    return light
-
-
-def _share_across_occluders(light: Float32, texels: TexelMap) -> None:
-    """Mix light from beyond an occluder into the texels that it cuts, in place, as shadow rays do, which start on the texel's whole square.
-
-    light   (C, n, 3) float32
-    """
-    entry, beyond, share = texels.borders.list_beyond(FOOTPRINT_SIDE)
-    for of_part, moved in zip(light, share[:, None] * (light[:, beyond] - light[:, entry]), strict=True):
-        np.add.at(of_part, entry, moved)
-
-
-def _any_direct(field: LightField) -> bool:
-    """Whether photons carried direct light, from lamps or by mirrors and glass."""
-    return bool(field.solution.coefficient[0].any() or (field.squares is not None and field.squares.irradiance[0].any()))
+        for channel in range(3):
+            clip_light(of_part[:, channel], texels.texel_area, leaf)
+    return light, variance

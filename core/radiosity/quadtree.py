@@ -255,25 +255,23 @@ def mean_in_nodes(tree: Quadtree, per_texel: Float32) -> Float64:
 
 @dataclass(frozen=True)
 class TreeView:
-    """The part of a tree that a tracing process needs to deposit its hits: the deepest nodes, and the squares of subtexel_tally.
+    """The part of a tree that a tracing process needs to deposit its hits: the deepest nodes.
 
     node           (n_texel,) int32: deepest node at each texel entry
     centre         (n_node, 2) float32, page texels
     inverse_half   (n_node,) float32, 1/texel
-    square_entry   (k,) int32, ascending: texel entries whose squares have a tally of their own
     """
 
     node: Int32
     centre: Float32
     inverse_half: Float32
-    square_entry: Int32
 
     @classmethod
-    def of_tree(cls, tree: Quadtree, n_texel: int, square_entry: Int32, room: Room = IN_MEMORY) -> TreeView:
+    def of_tree(cls, tree: Quadtree, n_texel: int, room: Room = IN_MEMORY) -> TreeView:
         half = tree.side / 2.0
         deepest = np.flatnonzero(~tree.has_children)
         centre = (tree.origin + half[:, None]).astype(np.float32)
-        return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32), square_entry)
+        return cls(node_of_texel(tree, deepest, n_texel, room), centre, (1.0 / half).astype(np.float32))
 
     def locate(self, entry: IntArray, x: FloatArray, y: FloatArray) -> tuple[Int32, FloatArray, FloatArray]:
         """The deepest node at each hit, and the hit in its coordinates s, t.

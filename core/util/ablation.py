@@ -16,17 +16,10 @@ VARIABLE = "LEAFLIGHT_WITHOUT"
 MECHANISMS = {
     # light on leaves
     "coefficient_shrinkage": "slopes of leaves are shrunk by how noisy they are",
-    "flux_clipping": "leaves are clipped at zero without making energy: the rest of a leaf is scaled down",
-    "leaf_blending": "light goes over from leaf to leaf without an edge, by a partition of unity",
-    "spatial_shrinkage": "leaves of few photons are shrunk towards the light around them in space",
-    "firefly_clamp": "leaves of few photons that are far brighter than all around are clamped",
-    "subtexel_tallies": "at contacts photons are counted on the square around a texel's centre too",
-    "border_feathering": "steps where a chart was cut and nothing stands between become ramps",
-    "leaf_filter": "noise of photons is averaged by non-local means",
     "grain_filter": "noise of photons and of rays is averaged by non-local means (--no-denoise)",
     "seams": "light is matched across seams by least squares (--no-seams)",
     # where charts and trees are cut
-    "contacts": "all that follows from contacts: cuts, split texels, finer nodes, sub-texel tallies (--no-contact)",
+    "contacts": "all that follows from contacts: cuts, split texels, finer nodes (--no-contact)",
     "contact_cuts": "charts are cut where other surfaces stand on them",
     "split_texels": "texels that a contact crosses share their light with the next one",
     "contact_nodes": "nodes that something touches are split whatever the oracle says",
@@ -43,8 +36,6 @@ MECHANISMS = {
     "reference_level": "shadow rays stop by the error beside all light, indirect light included",
     "dark_level": "below a sky, shadow rays stop at an absolute error in dark places",
     # indirect light by rays
-    "final_gathering": "indirect light is gathered by rays from texels (--no-gather)",
-    "gather_pilots": "light is gathered where pilot texels show little noise of photons, however noisy leaves are",
     "bright_places": "as many gather rays again are aimed at bright places",
     "hit_light": "on wide cells near a texel direct light comes from shadow rays, not from the photons in the cell",
     "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
@@ -60,12 +51,9 @@ MECHANISMS = {
     "pruning": "lights that reach nothing and textures of one colour are left out",
     "sealed_solids": "faces of closed solids send no light inwards",
     "slender_cutting": "slender emitting triangles are cut across",
-    # the stated error
-    "bias_forecast": "the stated error forecasts what leaves cannot hold from how that fell so far",
-    "noise_correction": "the photons' variance is corrected by how the halves of the bake differ",
 }
 # Mechanisms that a setting switches, and the setting.
-_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "final_gathering": "gather", "emission_guide": "guided"}
+_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "emission_guide": "guided"}
 
 
 def list_without() -> tuple[str, ...]:

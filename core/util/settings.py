@@ -146,12 +146,9 @@ class Settings:
         off_flag="--no-contact",
     )
     denoise: bool = _knob(True, "average grain over like neighbours within a chart", off_flag="--no-denoise", group="Advanced")
-    gather: bool = _knob(
-        True, "indirect light by rays from each texel, where that takes fewer than more photons would", off_flag="--no-gather"
-    )
     seams: bool = _knob(True, "bring light together where a smooth surface is cut between charts", off_flag="--no-seams", group="Advanced")
     finest_texels: int = _knob(1, "side of the smallest leaf", unit="texels", low=1, high=1024)
-    max_depth: int = _knob(1000, "surfaces a photon may meet", unit="hits", low=1, high=100_000)
+    max_depth: int = _knob(1000, "surfaces that light may meet", unit="hits", low=1, high=100_000)
     seed: int = _knob(1, "same seed, same bytes", low=0, high=2**31 - 1, group="Advanced")
     workers: int = _knob(0, "processes that trace; 0 takes one per core", low=0, high=1024, group="Advanced", decides_images=False)
     cluster: str = _knob(

@@ -25,12 +25,11 @@ def patch(name, half, centre):
     return Mesh(name, corners + centre, [[0, 1, 2, 3]])
 
 
-def light_of_objects(folder, meshes, gather):
+def light_of_objects(folder, meshes, direct):
     """Mean indirect light of each object, W/m^2."""
     scene = make_scene(meshes, [LAMP], [Material("Grey", (0.6,) * 3)])
-    settings = Settings(size=48, error=0.005 if gather else 0.02, max_photons=1_000_000, gather=gather, workers=1)
+    settings = Settings(size=48, error=0.01 if direct == "rays" else 0.02, max_photons=1_000_000, direct=direct, workers=1)
     field = solve_scene(folder, scene, settings)
-    assert (field.gathered is not None) == gather
     tracing = traced_scene.open_tracing(str(folder))
     light = texel_light.light_at_texels(field, tracing.texels).indirect.mean(axis=-1)
     owner = scene.tri_object[tracing.texels.texel_tri]
@@ -39,16 +38,16 @@ def light_of_objects(folder, meshes, gather):
     return [float(light[owner == k].mean()) for k in range(len(meshes))]
 
 
-@pytest.mark.parametrize("gather", [False, True])
-def test_copies_neither_take_light_nor_go_without(tmp_path, gather):
+@pytest.mark.parametrize("direct", ["rays", "photons"])
+def test_copies_neither_take_light_nor_go_without(tmp_path, direct):
     """A second floor, a smaller face in the ceiling, and a dark room behind a wall, back to back with it."""
     room, behind = room_mesh(), moved(room_mesh("Behind"), (1.0, 0.0, 0.0))
     in_ceiling, hair = np.array([0.1, 0.0, 0.5]), np.array([0.0, 0.0, 1e-4])
-    _, *apart = light_of_objects(tmp_path / "apart", [room, moved(FLOOR, hair), patch("Patch", 0.2, in_ceiling - hair)], gather)
-    (alone,) = light_of_objects(tmp_path / "alone", [room], gather)
+    _, *apart = light_of_objects(tmp_path / "apart", [room, moved(FLOOR, hair), patch("Patch", 0.2, in_ceiling - hair)], direct)
+    (alone,) = light_of_objects(tmp_path / "alone", [room], direct)
     objects = [room, FLOOR, patch("Patch", 0.2, in_ceiling), behind]
     for order in ([0, 1, 2, 3], [3, 2, 1, 0]):  # of faces in one place, rays find one by their order
-        light = light_of_objects(tmp_path / f"among {order[0]}", [objects[k] for k in order], gather)
+        light = light_of_objects(tmp_path / f"among {order[0]}", [objects[k] for k in order], direct)
         among, *copies, dark = (light[order.index(k)] for k in range(4))
         assert among == pytest.approx(alone, rel=0.01)
         assert copies == pytest.approx(apart, rel=0.03)  # the patch has few texels

@@ -118,7 +118,7 @@ def solve_once(folder, scene, direct, photons, settings):
         np.add.reduceat(values, start).T for values in (light.direct.irradiance * weight, light.direct.variance * weight**2)
     )
     mean = (light.solution.flux[:, leaves] + rays) / area
-    stderr = np.sqrt(light.solution.variance[:, leaves] * light.correction[:, None] + rays_variance / area**2)
+    stderr = np.sqrt(light.solution.variance[:, leaves] + rays_variance / area**2)
     grainy, smooth = (texel_light.light_at_texels(light, solver.tracing.texels, smooth_grain=smooth) for smooth in (False, True))
     return mean, stderr, area, (grainy.direct + grainy.indirect).T, grainy.stderr.T, (smooth.direct + smooth.indirect).T
 

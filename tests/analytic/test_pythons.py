@@ -38,7 +38,7 @@ def find_light(folder, direct, seed):
     area, texels = tree.area[roots], tree.end[roots] - tree.start[roots]
     rays, noise = (np.add.reduceat(values, tree.start[roots]).T for values in (light.direct.irradiance, light.direct.variance))
     mean = light.solution.flux[:, roots] / area + rays / texels
-    return mean, np.sqrt(light.solution.variance[:, roots] * light.correction[:, None] + noise / texels**2)
+    return mean, np.sqrt(light.solution.variance[:, roots] + noise / texels**2)
 
 
 @pytest.fixture(scope="module", params=DIRECT_MODES)

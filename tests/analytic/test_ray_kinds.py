@@ -32,7 +32,7 @@ def light_floor(folder, direct, things, lights=()):
     scene = make_scene(meshes, lights, [BLACK, *(material for _, _, material, _, _ in things)])
     objects = [replace(one, seen_by=seen, casts_shadow=shadow) for one, (*_, seen, shadow) in zip(scene.objects[1:], things, strict=True)]
     scene = replace(scene, tri_material=scene.tri_object, objects=(scene.objects[0], *objects))
-    field = solve_scene(folder, scene, Settings(direct=direct, size=16, max_photons=200_000, error=0.02, workers=1, seed=3, gather=False))
+    field = solve_scene(folder, scene, Settings(direct=direct, size=16, max_photons=200_000, error=0.02, workers=1, seed=3))
     texels = traced_scene.open_tracing(str(folder)).texels
     light = texel_light.light_at_texels(field, texels)
     reflected = light.indirect if lights else light.direct + light.indirect

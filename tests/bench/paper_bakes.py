@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from boxes import prepare_folder
 from leaflight.core.bake import solve
-from leaflight.core.integrate import texel_light
 from leaflight.core.parallel import folders
 from leaflight.core.radiosity import quadtree, tally
 from leaflight.core.scene.scene import SceneSnapshot
@@ -120,12 +119,6 @@ class Bake:
         coefficient = solution.coefficient.sum(0)[..., leaf]
         total = np.einsum("ckn,nk->nc", coefficient, moments[:, : coefficient.shape[1]])
         return np.maximum(total / texels.texel_area[:, None], 0.0)
-
-    @cached_property
-    def blended(self) -> np.ndarray:
-        """(n, 3) irradiance, W/m^2: as Leaflight writes it, without edges between leaves."""
-        at_texels = texel_light.light_at_texels(self.light, self.stage.texels)
-        return np.asarray(at_texels.direct + at_texels.indirect, np.float64)
 
     def show_stable(self, stability: int) -> np.ndarray:
         """The deepest nodes at or below the current ones of which all siblings are stable: what the paper displays."""

@@ -111,7 +111,6 @@ class Point:
     leaves: int
     rel: float
     nrmse: float
-    blended: Errors
     rays: int
 
 
@@ -121,8 +120,8 @@ def list_plain(curves: Mapping[str, T]) -> dict[str, T]:
 
 
 def measure_bake(bake: Bake, reference: Reference) -> Point:
-    plain, blended = reference.measure(bake.values()), reference.measure(bake.blended)
-    return Point(bake.light.photons, len(bake.light.leaves), plain.rel, plain.nrmse, blended, bake.light.ledger.rays)
+    errors = reference.measure(bake.values())
+    return Point(bake.light.photons, len(bake.light.leaves), errors.rel, errors.nrmse, bake.light.ledger.rays)
 
 
 def trace_curves(stage: Stage, reference: Reference, photons: Sequence[float]) -> tuple[dict[str, list[Point]], dict[str, Bake]]:
@@ -146,8 +145,8 @@ def table_curves(curves: dict[str, list[Point]]) -> Table:
         for flat, point in zip(curves["flat"], points, strict=True):
             ratio = "" if name == "flat" else f"{point.rel / flat.rel:.2f} / {point.nrmse / flat.nrmse:.2f}"
             rays = f"{point.rays / 1e6:.1f} M"
-            rows.append([name, millions(point.photons), rays, f"{point.leaves:,}", _both(point), ratio, _both(point.blended)])
-    return Table(("basis", "photons", "rays", "leaves", "rel / nrmse", "of flat's", "blended"), rows)
+            rows.append([name, millions(point.photons), rays, f"{point.leaves:,}", _both(point), ratio])
+    return Table(("basis", "photons", "rays", "leaves", "rel / nrmse", "of flat's"), rows)
 
 
 @dataclass(frozen=True)

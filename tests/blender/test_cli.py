@@ -160,7 +160,7 @@ def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
 @pytest.mark.own_process
 def test_workers_do_not_change_the_bytes(room):
     """Enough photons for several shards, so that the order of workers could matter."""
-    words = ("--max-photons", "300000", "--error", "0.0001", "--pass", "indirect", "--no-gather")
+    words = ("--max-photons", "300000", "--error", "0.0001", "--pass", "indirect", "--direct", "photons")
     images = []
     for name, more in (("one", ()), ("two", ("--workers", "2"))):
         assert bake(room, *words, *more, output=room.parent / name) == 0

@@ -22,7 +22,7 @@ def make_pages(width=1.0, margin=0):
     leaves = np.flatnonzero(bake.tree.current)
     n = bake.n_texel
     light = solve.LightField(
-        bake.tree, bake.solution(), leaves, bake.totals().received, 1.0, DirectField.none(n), 0.0, 1000, 1, "error", solve.Ledger()
+        bake.tree, bake.solution(), leaves, bake.totals().received, DirectField.none(n), 0.0, 1000, 1, "error", solve.Ledger()
     )
     return DebugPages(light, bake.texels, margin)
 

@@ -12,7 +12,7 @@ from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
-SETTINGS = Settings(even_out=False, size=64, padding=1, gather=True)
+SETTINGS = Settings(even_out=False, size=64, padding=1)
 LAMP = Light("POINT", "Lamp", (0.5, 0.5, 0.5), power_rgb=(1.0, 1.0, 1.0))
 ROOM = moved(room_mesh(), (0.5, 0.5, 0.5))
 

@@ -19,16 +19,11 @@ from scenes import Mesh, make_scene, moved, quad_mesh
 SETTINGS = Settings(size=32, padding=1)
 
 
-def make_shard(folder, scene, worth=None, everywhere=False):
-    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), emission may be guided.
-
-    everywhere   squares count photons of all texels, not of those that something touches
-    """
+def make_shard(folder, scene, worth=None):
+    """A shard of 5000 photons, and its tree; with `worth` of so many nodes, (3, n_node), emission may be guided."""
     solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
     tree, view = solver.tree, folder / "view"
-    n_texel = len(solver.tracing.texels)
-    squares = np.arange(n_texel, dtype=np.int32) if everywhere else solver.squares.entry
-    shared_arrays.save_struct(view, TreeView.of_tree(tree, n_texel, squares))
+    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.tracing.texels)))
     if worth:
         guiding = Guiding(worth(len(tree)), BirthCells.whole(np.ones(1)))
         shared_arrays.save_struct(view / photon_shards.GUIDING_FOLDER, guiding)
