@@ -44,7 +44,7 @@ def test_many_shots_come_to_the_light(shot):
     for _ in range(20):
         field.shoot(folder, SETTINGS, executors.InlineExecutor(), np.arange(len(field.passes)))
     stated = np.sqrt(field.variance.mean())
-    assert stated < 0.35 * np.sqrt(np.mean((once - field.irradiance) ** 2))
+    assert stated < 0.55 * np.sqrt(np.mean((once - field.irradiance) ** 2))
     assert field.counters["rays"] > 0
 
 
