@@ -263,12 +263,6 @@ def _find_above(tree: Quadtree, nodes: Int64 | None) -> list[Int64]:
     return levels[::-1]
 
 
-def with_direct(components: Float64) -> Float64:
-    """(2, ...): values (C, ...) of both components, where the direct one is 0 if only the indirect one was tallied."""
-    missing = np.zeros((COMPONENTS - len(components), *components.shape[1:]))
-    return np.concatenate([missing, components])
-
-
 def _join_views(sums: Float64) -> Float64:
     """(C + 2, ...): sums (2 halves, C components, ...) added over the halves, for each component, then over components, for each half."""
     return np.concatenate([sums.sum(0), sums.sum(1)])

@@ -159,13 +159,6 @@ class TexelBorders:
         found[rows] = np.where(owner >= 0, owner, entry.take(rows))
         return found
 
-    def list_beyond(self, side: float) -> tuple[Int64, Int32, Float64]:
-        """Entries (m,) whose square of side `side`, texels, reaches beyond a surface; the entries there; and their shares of the square."""
-        inside, corner = (np.maximum(0.5 * side - reach.astype(np.float64), 0.0) / side for reach in (self.reach, self.corner))
-        share, beyond = np.concatenate([inside, corner.prod(axis=1)]), np.concatenate([self.other, self.diagonal])
-        way, row = np.nonzero(share)
-        return self.entry[row], beyond[way, row], share[way, row]
-
     def measure(self, degree: int) -> Float64:
         """(M, b) float64: moments of the texels' own areas about their centres, in texels; a whole texel has the area 1."""
         rows = np.searchsorted(self.entry, self.other)  # arbitrary without a surface there, where the gain is 0
