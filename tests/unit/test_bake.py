@@ -226,16 +226,6 @@ def test_a_stopped_bake_goes_on_to_the_bytes_of_a_whole_one(tmp_path, patient):
     assert read_info(Path(kept)).photons == whole["photons"]
 
 
-def test_other_passes_that_need_no_photons_go_on_from_charts_that_were_cut(tmp_path):
-    """Light is told of texels by their places, which cut charts move."""
-    settings = replace(QUICK, max_depth=1)  # whatever is asked for
-    kept = str(tmp_path / "kept")
-    bake_folder(tmp_path / "all", lamp_scene(), replace(settings, passes=("direct", "combined")), keep=kept)
-    bake_folder(tmp_path / "rest", lamp_scene(), replace(settings, passes=("direct",)), resume=kept)
-    one, other = (read_image(tmp_path / name / "images" / "room_0.direct.exr")[0] for name in ("all", "rest"))
-    np.testing.assert_array_equal(one, other)
-
-
 def test_a_bake_that_has_no_state_leaves_none_of_an_earlier_one(tmp_path):
     kept = tmp_path / "kept"
     for passes, has_state in (("combined", True), ("albedo", False)):

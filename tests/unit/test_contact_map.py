@@ -16,7 +16,6 @@ from leaflight.core.scene.topology import join_sets
 from leaflight.core.texels.tiles import TILE_TEXELS
 from leaflight.core.transport import contact_map, traced_scene
 from leaflight.core.transport.contact_map import ContactMap, cut_at_contacts, find_contacts
-from leaflight.core.util import ablation
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
@@ -354,17 +353,6 @@ def light_of(folder, settings, texels, atlas):
     return (at_texels.direct + at_texels.indirect).sum(axis=1)
 
 
-def test_a_texel_shows_what_its_square_sees_on_both_sides(tmp_path):
-    """As its shadow rays do: where the wall runs 0.1 texels beside a column's centre, 0.3 of the squares lie on the dark side."""
-    settings = replace(SETTINGS, max_photons=400_000)
-    _, cut, cut_atlas, scene = cut_floor(tmp_path, sheet(32.6 / SIDE), light=SUN)
-    light = light_of(tmp_path, settings, cut, cut_atlas)
-    column = places_of(cut, scene)[:, 0].astype(int)
-    beside, crossed, beyond = (light[column == k].mean() for k in (31, 32, 33))
-    assert beyond == 0.0
-    assert crossed == pytest.approx(0.7 * beside, rel=0.04)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_light_does_not_leak_below_a_wall_with_a_door(tmp_path, monkeypatch, seed):
     """Its foot in the dark is one column of texels in a square that holds the foot in the light too; and few photons make large leaves."""
@@ -379,19 +367,6 @@ def test_light_does_not_leak_below_a_wall_with_a_door(tmp_path, monkeypatch, see
         light[name] = page[:40, 31].mean() / page[:40, :27].mean()
     assert light["whole"] > 0.05  # or the test could not fail
     assert light["cut"] < 0.02
-
-
-def test_between_charts_of_one_piece_light_makes_no_step(tmp_path, monkeypatch):
-    """Where leaves on both sides of a cut err apart."""
-    light = {}
-    for name in ("open", "closed"):
-        _, cut, cut_atlas, scene = cut_floor(tmp_path / name, wall(0.4, high_m=0.7))
-        page = draw(cut, scene, light_of(tmp_path / name, replace(SETTINGS, max_photons=20_000), cut, cut_atlas))
-        page, chart = page[:, 32:], draw_pieces(cut, scene)[:, 32:]  # beyond the wall
-        steps = [np.abs(np.diff(page, axis=axis))[np.diff(chart, axis=axis) != 0] for axis in (0, 1)]
-        light[name] = np.concatenate(steps).mean() / page.mean()
-        monkeypatch.setenv(ablation.VARIABLE, "border_feathering")
-    assert light["open"] < 0.5 * light["closed"]
 
 
 @pytest.mark.parametrize("foot", [33.0, 33.7])  # texels
