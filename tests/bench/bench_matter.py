@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from cycles_bake import bake_cycles, set_stage
+from file_scenes import SCENES as FILE_SCENES
 from leaflight.addon.read.object_settings import registered
 from leaflight.addon.show.scene_prints import print_scene
 from leaflight.addon.ui import cli
@@ -26,7 +27,7 @@ from matter_scenes import CAUSTICS, FLOOR, NOISY, PARTS, WITHOUT_CAUSTICS
 from matter_scenes import SCENES as MATTER_SCENES
 from ray_scenes import SCENES as RAY_SCENES
 
-SCENES = {**LIGHT_SCENES, **MATTER_SCENES, **RAY_SCENES}
+SCENES = {**LIGHT_SCENES, **MATTER_SCENES, **RAY_SCENES, **FILE_SCENES}
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
 KEPT = ROOT / "out" / "matter"
