@@ -99,61 +99,30 @@ class MaterialTable:
         sides = _read_sides(reader, material, surface) if reader.by_view else _Sides(surface.passing, surface.emission)
         if reader.replaced or reader.mended:
             self._warnings.append((material.name, f"the material is simplified: {'; '.join([*reader.replaced, *reader.mended])}"))
+        colors = {name: getattr(surface, name) for name in ("albedo", "metal", "glass", "through")}
+        colors |= {"emission": sides.emission, "passing": sides.passing}
+        others = {"normal": reader.normal, "lobe": surface.lobes}
+        fields: dict[str, Any] = {f"{name}_rgb": _clip_negative(color.rgb) for name, color in colors.items()}
+        fields |= {f"{name}_image": color.image for name, color in (colors | others).items() if color}
+        fields |= {f"glass_{name}": value for name, value in vars(surface.bending).items() if name != "share"}
+        fields |= vars(surface.gloss) | passing
+        mappings = {f"{name}_mapping": color.mapping for name, color in (colors | others).items() if color}
+        if sides.passing.image < 0:
+            mappings["passing_mapping"] = seen.passing_mapping
         return MaterialReading(
             Material(
                 name=material.name,
-                albedo_rgb=_clip_negative(surface.albedo.rgb),
-                albedo_image=surface.albedo.image,
-                emission_rgb=_clip_negative(sides.emission.rgb),
-                emission_image=sides.emission.image,
-                passing_rgb=_clip_negative(sides.passing.rgb),
-                passing_image=sides.passing.image,
                 passing_views=sides.passing_views,
                 back_rgb=sides.back_rgb,
                 dark_back=sides.dark_back,
                 dark_front=sides.dark_front,
-                **passing,
                 seen_rgb=seen.seen_rgb,
                 glow_rgb=seen.glow_rgb,
-                normal_image=-1 if reader.normal is None else reader.normal.image,
                 normal_strength=reader.normal_strength,
-                metal_rgb=_clip_negative(surface.metal.rgb),
-                metal_image=surface.metal.image,
-                metal=surface.gloss.metal,
-                metal_edge_rgb=surface.gloss.edge_rgb,
-                metal_flat=surface.gloss.flat,
-                lobe_image=-1 if surface.lobes is None else surface.lobes.image,
-                layer=surface.gloss.layer,
-                diffuse=surface.gloss.diffuse,
-                multiscatter=surface.gloss.multiscatter,
-                layer_tint=surface.gloss.layer_tint,
-                roughness=surface.gloss.roughness,
-                ior=surface.gloss.ior,
-                sheen_rgb=surface.gloss.sheen_rgb,
-                sheen_roughness=surface.gloss.sheen_roughness,
-                coat=surface.gloss.coat,
-                coat_roughness=surface.gloss.coat_roughness,
-                coat_ior=surface.gloss.coat_ior,
-                coat_tint_rgb=surface.gloss.coat_tint_rgb,
-                glass_rgb=_clip_negative(surface.glass.rgb),
-                glass_image=surface.glass.image,
-                glass_mirror_rgb=_clip_negative(surface.bending.mirror_rgb),
-                glass_fresnel=surface.bending.fresnel,
-                glass_multiscatter=surface.bending.multiscatter,
-                glass_roughness=surface.bending.roughness,
-                glass_ior=surface.bending.ior,
-                through_rgb=_clip_negative(surface.through.rgb),
-                through_image=surface.through.image,
+                **fields,
             ),
-            surface.albedo.mapping,
-            sides.emission.mapping,
-            sides.passing.mapping if sides.passing.image >= 0 else seen.passing_mapping,
-            UNMAPPED if reader.normal is None else reader.normal.mapping,
-            surface.metal.mapping,
-            surface.glass.mapping,
-            surface.through.mapping,
-            UNMAPPED if surface.lobes is None else surface.lobes.mapping,
-            reader.tangent_layer,
+            tangent_layer=reader.tangent_layer,
+            **mappings,
         )
 
 

@@ -19,6 +19,7 @@ from ..nodes.view_nodes import depends_on_view, shows_view
 
 _NOTHING = Color(BLACK)
 _LEAST = 1e-5
+_COLORS = ("albedo", "emission", "passing", "metal", "glass", "through")  # of a Surface
 _NO_SUBSURFACE = "light below the surface comes out where it went in"
 
 
@@ -37,8 +38,8 @@ class GlossNumbers:
     coat_roughness: float = 0.03
     coat_ior: float = 1.5
     coat_tint_rgb: Rgb = WHITE
-    edge_rgb: Rgb = WHITE
-    flat: bool = False
+    metal_edge_rgb: Rgb = WHITE
+    metal_flat: bool = False
     sheen_rgb: Rgb = BLACK
     sheen_roughness: float = 0.5
 
@@ -52,7 +53,7 @@ class GlossNumbers:
         """Both; as rough as the stronger one."""
         main = self if self.metal + self.layer >= other.metal + other.layer else other
         metallic = self if self.metal >= other.metal else other
-        main = replace(main, edge_rgb=metallic.edge_rgb, flat=metallic.flat)
+        main = replace(main, metal_edge_rgb=metallic.metal_edge_rgb, metal_flat=metallic.metal_flat)
         metal, layer, diffuse, coat = (
             min(getattr(self, name) + getattr(other, name), 1.0) for name in ("metal", "layer", "diffuse", "coat")
         )
@@ -169,11 +170,11 @@ def _read_principled(reader: ColorReader, port: Port) -> Surface:
 
 def _add_coat(reader: ColorReader, port: Port, surface: Surface, alpha: Color) -> Surface:
     """A Principled BSDF's clear coat above a surface; its tint colours what is below by the mean path through the coat."""
-    coat = min(max(reader.read_number(port.sibling("Coat Weight"), 0.0), 0.0), 1.0)
+    coat = _read_share(reader, port, "Coat Weight", 0.0)
     if coat <= 0.0:
         return surface
     ior = max(reader.read_number(port.sibling("Coat IOR"), 1.5), 1.0 + 1e-4)
-    roughness = min(max(reader.read_number(port.sibling("Coat Roughness"), 0.03), 0.0), 1.0)
+    roughness = _read_share(reader, port, "Coat Roughness", 0.03)
     tint = _clip(read_input_color(reader, port, "Coat Tint").mean)
     below = _dim(reader, port, surface, to_rgb(tint_by_coat(np.array(tint), coat, find_mean_path(ior))))
     emission = below.emission.times(1.0 - coat * average_fresnel(ior))
@@ -186,7 +187,7 @@ def _add_sheen(reader: ColorReader, port: Port, surface: Surface, alpha: Color) 
     weight = max(reader.read_number(port.sibling("Sheen Weight"), 0.0), 0.0)
     if weight <= 0.0:
         return surface
-    roughness = min(max(reader.read_number(port.sibling("Sheen Roughness"), 0.5), 0.0), 1.0)
+    roughness = _read_share(reader, port, "Sheen Roughness", 0.5)
     color = Color(read_input_color(reader, port, "Sheen Tint").mean).times(min(weight, 1.0))
     sheen = color.times(average_sheen(roughness))
     below = _dim(reader, port, surface, (1.0 - min(max(*sheen.rgb), 1.0),) * 3)
@@ -207,7 +208,7 @@ def _dim(reader: ColorReader, port: Port, surface: Surface, rgb: Rgb) -> Surface
 def _read_sheen(reader: ColorReader, port: Port) -> Surface:
     """The albedo is what it reflects of even light."""
     _note_normal(reader, port)
-    roughness = min(max(reader.read_number(port.sibling("Roughness"), 0.5), 0.0), 1.0)
+    roughness = _read_share(reader, port, "Roughness", 0.5)
     color = read_input_color(reader, port, "Color")
     gloss = replace(NO_GLOSS, sheen_rgb=_clip(color.mean), sheen_roughness=roughness)
     return Surface(Color(color.mean).times(average_sheen(roughness)), gloss=gloss)
@@ -238,7 +239,7 @@ def _read_gloss(reader: ColorReader, port: Port, metallic: float, transmission: 
     diffuse = (1.0 - metallic) * (1.0 - transmission)
     numbers = GlossNumbers(metallic, layer, _read_roughness(reader, port), (1.0 + root) / (1.0 - root), diffuse)
     tint = _clip(read_input_color(reader, port, "Specular Tint").mean)
-    return replace(numbers, layer_tint=sum(tint) / 3.0, edge_rgb=tint, multiscatter=_scatters_often(port))
+    return replace(numbers, layer_tint=sum(tint) / 3.0, metal_edge_rgb=tint, multiscatter=_scatters_often(port))
 
 
 def _read_lobes(
@@ -262,6 +263,11 @@ def _read_lobes(
     return reader.derive(port, join, [rough, metallic, *others], "lobes")
 
 
+def _read_share(reader: ColorReader, port: Port, name: str, default: float) -> float:
+    """The mean of a number from 0 to 1."""
+    return min(max(reader.read_number(port.sibling(name), default), 0.0), 1.0)
+
+
 def _clip(rgb: Rgb) -> Rgb:
     red, green, blue = (min(max(channel, 0.0), 1.0) for channel in rgb)
     return red, green, blue
@@ -270,9 +276,9 @@ def _clip(rgb: Rgb) -> Rgb:
 def _read_roughness(reader: ColorReader, port: Port) -> float:
     """The mean, without a note: a layer reflects a twentieth of the light, and metals and glass have _read_lobes."""
     noted = len(reader.replaced)
-    roughness = reader.read_number(port.sibling("Roughness"), 0.5)
+    roughness = _read_share(reader, port, "Roughness", 0.5)
     del reader.replaced[noted:]
-    return min(max(roughness, 0.0), 1.0)
+    return roughness
 
 
 def _scatters_often(port: Port) -> bool:
@@ -285,7 +291,7 @@ def _read_glossy(reader: ColorReader, port: Port) -> Surface:
     _note_lobe(reader, port)
     _note_normal(reader, port, is_mirror=True)
     color = read_input_color(reader, port, "Color")
-    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port), diffuse=0.0, multiscatter=_scatters_often(port), flat=True)
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port), diffuse=0.0, multiscatter=_scatters_often(port), metal_flat=True)
     return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 
@@ -300,7 +306,7 @@ def _read_metallic(reader: ColorReader, port: Port) -> Surface:
     else:
         color, edge = read_input_color(reader, port, "Base Color"), _clip(read_input_color(reader, port, "Edge Tint").mean)
     often = _scatters_often(port)
-    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port), diffuse=0.0, edge_rgb=edge, multiscatter=often)
+    gloss = GlossNumbers(1.0, 0.0, _read_roughness(reader, port), diffuse=0.0, metal_edge_rgb=edge, multiscatter=often)
     return Surface(color, metal=color, gloss=gloss, lobes=_read_lobes(reader, port, Color(WHITE), (Color(WHITE), _NOTHING), False))
 
 
@@ -354,15 +360,10 @@ def _read_mix(reader: ColorReader, port: Port) -> Surface:
     if linked and part.image < 0 and 0.0 < fraction < 1.0 and not depends_on_view(factor):
         reader.note("two shaders are mixed evenly over the surface")
     return Surface(
-        reader.blend(port, first.albedo, second.albedo, part, "albedo"),
-        reader.blend(port, first.emission, second.emission, part, "emission"),
-        reader.blend(port, first.passing, second.passing, part, "passing"),
-        reader.blend(port, first.metal, second.metal, part, "metal"),
-        first.gloss.times(1.0 - fraction).add(second.gloss.times(fraction)),
-        _join_lobes(reader, port, first, second, part),
-        reader.blend(port, first.glass, second.glass, part, "glass"),
-        first.bending.times(1.0 - fraction).add(second.bending.times(fraction)),
-        reader.blend(port, first.through, second.through, part, "through"),
+        **{name: reader.blend(port, getattr(first, name), getattr(second, name), part, name) for name in _COLORS},
+        gloss=first.gloss.times(1.0 - fraction).add(second.gloss.times(fraction)),
+        lobes=_join_lobes(reader, port, first, second, part),
+        bending=first.bending.times(1.0 - fraction).add(second.bending.times(fraction)),
     )
 
 
@@ -379,7 +380,7 @@ def _read_layer(reader: ColorReader, factor: Port, below: Surface, above: Surfac
     is_paint = not any(
         (gloss.metal, gloss.layer, gloss.coat, *gloss.sheen_rgb, *below.passing.mean, *below.glass.mean, *below.emission.mean)
     )
-    is_gloss = above.gloss.flat and above.albedo == above.metal and above.albedo.image < 0 and above.lobes is None
+    is_gloss = above.gloss.metal_flat and above.albedo == above.metal and above.albedo.image < 0 and above.lobes is None
     if not (is_paint and is_gloss) or gloss.diffuse < 1.0 or any(above.passing.mean):
         return None
     number = reader.read_number(source, 1.5)
@@ -392,12 +393,12 @@ def _read_layer(reader: ColorReader, factor: Port, below: Surface, above: Surfac
 
 def _read_add(reader: ColorReader, port: Port) -> Surface:
     first, second = _read_two(reader, port)
-    albedo = reader.add(port, first.albedo, second.albedo, "albedo")
-    emission = reader.add(port, first.emission, second.emission, "emission")
-    passing, metal = reader.add(port, first.passing, second.passing, "passing"), reader.add(port, first.metal, second.metal, "metal")
-    glass, through = reader.add(port, first.glass, second.glass, "glass"), reader.add(port, first.through, second.through, "through")
-    gloss, bending = first.gloss.add(second.gloss), first.bending.add(second.bending)
-    return Surface(albedo, emission, passing, metal, gloss, _join_lobes(reader, port, first, second, None), glass, bending, through)
+    return Surface(
+        **{name: reader.add(port, getattr(first, name), getattr(second, name), name) for name in _COLORS},
+        gloss=first.gloss.add(second.gloss),
+        lobes=_join_lobes(reader, port, first, second, None),
+        bending=first.bending.add(second.bending),
+    )
 
 
 def _join_lobes(reader: ColorReader, port: Port, first: Surface, second: Surface, part: Color | None) -> Color | None:
@@ -444,7 +445,7 @@ def _read_holdout(reader: ColorReader, port: Port) -> Surface:
 def _read_glass(reader: ColorReader, port: Port) -> Surface:
     _note_lobe(reader, port)
     color = read_input_color(reader, port, "Color")
-    return Surface(glass=color, bending=_read_bending(reader, port, color.mean, True), lobes=_read_glass_lobes(reader, port))
+    return Surface(glass=color, bending=_read_bending(reader, port, _clip(color.mean), True), lobes=_read_glass_lobes(reader, port))
 
 
 def _read_refraction(reader: ColorReader, port: Port) -> Surface:
