@@ -82,8 +82,11 @@ Leaflight shows it as diffuse rays see it; the row compares with Cycles without 
 default, *Auto*, it is 1.444 there).
 
 In the row *glass ball, area lamp* Cycles' texels are means of 4 x 4, for Cycles 5.0 samples the inner quarter of a texel, and the focus is
-sharper than that. What is left there is mostly noise of Leaflight: at `--error 0.01` two seeds differ by 4.6 %, nearly all of it in some
-twenty texels of the focus, up to 20 times as bright as the mean; with 32 M photons the row has 3.7 %.
+sharper than that.
+
+What misses its target: in rows of glass and of some metals, what mirrors and glass send straight on comes from photons. The stated
+error does not contain their noise once other light is gathered, so that these bakes end after too few photons: their means are right,
+sharp caustics are blurred. Rough diffuse walls reflect alike in all directions, where Oren and Nayar's reflect more light back.
 
 | scene | mean | nrmse | |
 | --- | --- | --- | --- |
