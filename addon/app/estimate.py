@@ -23,10 +23,7 @@ _CORE_MB, _WORKER_MB = 250.0, 90.0
 _CORE_MB_PER_TEXEL, _WORKER_MB_PER_TEXEL = 2.5e-4, 9e-5
 _START_S = 1.2
 _CORE_S_PER_TEXEL = 2.2e-5  # direct light and writing, on one core
-_CORE_S_PER_PHOTON = 1.7e-6
-_LEAST_PHOTONS = 2.6e5  # two first rounds: in the second leaves are what they should be
-_PHOTONS_AT = (6.4e4, 0.57)  # of one triangle to this error on so many texels, and the power with which more triangles need more
-_USUAL_ERROR, _USUAL_TEXELS = 0.05, 1.7e5
+_CORE_S_OF_LIGHT, _USUAL_ERROR = 1.2e-5, 0.05  # of photons and gather rays of a texel, on one core, for this error
 _UNCERTAIN = 2.0  # times sooner or later, as scenes and machines differ
 # Times the photons, and times as uncertain, where each object has to come to it: 2 (bent_quads) to 39 (two_rooms) in docs/cycles.md.
 _EACH_OBJECT, _EACH_UNCERTAIN = 8.0, 2.0
@@ -36,14 +33,12 @@ _EACH_OBJECT, _EACH_UNCERTAIN = 8.0, 2.0
 class Measured:
     """One object before a bake, as it is shown.
 
-    n_triangle   a scene of more has more edges of light
     longest_m    longest edge, which no chart cuts
     n_chart      about, of chart_guess; 0 where nobody knows
     """
 
     name: str
     area_m2: float
-    n_triangle: int
     density_factor: float
     longest_m: float = 0.0
     n_chart: int = 0
@@ -125,7 +120,7 @@ def estimate_bake(
         pages=pages,
         page_size=size,
         memory_mb=_CORE_MB + workers * _WORKER_MB + texels * (_CORE_MB_PER_TEXEL + workers * _WORKER_MB_PER_TEXEL),
-        seconds=_estimate_seconds(texels, sum(one.n_triangle for one in objects), settings, min(workers, cores), pace),
+        seconds=_estimate_seconds(texels, settings, min(workers, cores), pace),
         too_large=tuple(too_large),
         fitting=tuple(too_large.values()),
         nearly=tuple(nearly),
@@ -177,25 +172,20 @@ def _list_takers(objects: Sequence[Measured], texels_of: Sequence[float]) -> tup
     return tuple(one for one in shares[:_NAMED] if one[1] >= _MUCH)
 
 
-def _estimate_seconds(texels: float, n_triangle: int, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:
+def _estimate_seconds(texels: float, settings: Settings, cores: int, pace: Pace | None) -> tuple[float, float]:
     if pace is not None and pace.error_of == settings.error_of:
+        known_error, known_texels, spread = pace.error, float(pace.texels), 1.0
         other_s = pace.around_s + pace.other_s * max(texels / pace.texels, 0.1)
-        photons = pace.photons * _scale_photons(texels, settings.error, pace.error, pace.texels)
-        s_per_photon, spread = pace.photon_s / max(pace.photons, 1), 1.0
+        light_s = pace.photon_s
     else:
-        of_one, power = _PHOTONS_AT
+        known_error, known_texels, spread = _USUAL_ERROR, texels, _UNCERTAIN
         other_s = _START_S + texels * _CORE_S_PER_TEXEL / cores
-        photons = of_one * n_triangle**power * _scale_photons(texels, settings.error, _USUAL_ERROR, _USUAL_TEXELS)
-        s_per_photon, spread = _CORE_S_PER_PHOTON / cores, _UNCERTAIN
+        light_s = texels * _CORE_S_OF_LIGHT / cores
         if settings.error_of == "objects":
-            photons, spread = photons * _EACH_OBJECT, spread * _EACH_UNCERTAIN
-    usual_s = other_s + min(max(photons, _LEAST_PHOTONS), settings.max_photons) * s_per_photon
+            light_s, spread = light_s * _EACH_OBJECT, spread * _EACH_UNCERTAIN
+    # Photons' noise falls with the root of their number; gather rays are as many as the inverse of the error, see gathered.count_rays.
+    usual_s = other_s + light_s * (known_error / settings.error) ** (1 if settings.direct == "rays" else 2) * texels / known_texels
     least, most = usual_s / spread, usual_s * spread
     if settings.time_limit > 0.0:
         least, most = min(least, settings.time_limit), min(most, settings.time_limit)
     return least, most
-
-
-def _scale_photons(texels: float, error: float, known_error: float, known_texels: float) -> float:
-    """Photons relative to a known bake: noise falls with their root, and finer texels show finer leaves."""
-    return (known_error / error) ** 2 * math.sqrt(texels / known_texels)

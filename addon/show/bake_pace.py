@@ -16,7 +16,6 @@ class Pace:
     """
 
     texels: int
-    photons: int
     error: float
     error_of: str
     photon_s: float
@@ -42,7 +41,7 @@ class Pace:
         around_s = max(waited_s - total_s, 0.0)
         if not texels:
             return None
-        return cls(texels, result["photons"], result["estimated_error"], result["error_of"], photon_s, total_s - photon_s, around_s)
+        return cls(texels, result["estimated_error"], result["error_of"], photon_s, total_s - photon_s, around_s)
 
     @classmethod
     def of_fields(cls, fields: Any) -> Pace | None:
