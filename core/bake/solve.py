@@ -293,13 +293,17 @@ class Solver:
         return self._make_light(reading, stated), stated
 
     def _show_photons(self, reading: RadiositySolution, limited: Spread) -> error_estimate.PhotonLight:
-        """Gathered light, or that of leaves."""
+        """Gathered light and what photons brought by mirrors and glass, or the light of leaves."""
         texels, tree = self.tracing.texels, reading.tree
+        gathered = self.gathered.show_photons(texels, self.settings.denoise, limited) if self.gathered else None
+        share = reading.direct_share if gathered else np.ones_like(reading.mean)
+        if gathered and not share.any():
+            return gathered
         leaf = quadtree.node_of_texel(tree, reading.leaves, len(texels))
-        if self.gathered:
-            return self.gathered.show_photons(texels, self.settings.denoise, limited)
-        total = float((reading.mean[reading.leaves] * (tree.end - tree.start)[reading.leaves, None]).sum())
-        return error_estimate.PhotonLight(lambda entry: reading.mean[leaf[entry]], total, lambda entry: reading.error2[leaf[entry]])
+        mean, error2 = share * reading.mean, share * reading.error2
+        total = float((mean[reading.leaves] * (tree.end - tree.start)[reading.leaves, None]).sum())
+        by_leaves = error_estimate.PhotonLight(lambda entry: mean[leaf[entry]], total, lambda entry: error2[leaf[entry]])
+        return gathered.beside(by_leaves) if gathered else by_leaves
 
     def _make_light(self, reading: RadiositySolution, stated: error_estimate.StatedError | None = None) -> LightField:
         return LightField(

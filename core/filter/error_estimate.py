@@ -44,6 +44,17 @@ class PhotonLight:
         """No such light."""
         return cls(_no_light, 0.0, _no_light)
 
+    def beside(self, leaves: PhotonLight) -> PhotonLight:
+        """This light and that of leaves."""
+
+        def at(entry: Int64) -> FloatArray:
+            return self.at(entry) + leaves.at(entry)
+
+        def error2_at(entry: Int64) -> FloatArray:
+            return self.error2_at(entry) + leaves.error2_at(entry)
+
+        return PhotonLight(at, self.total + leaves.total, error2_at, self.by_rays)
+
 
 def _no_light(entry: Int64) -> Float32:
     return np.zeros((len(entry), 3), np.float32)

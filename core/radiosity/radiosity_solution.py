@@ -62,6 +62,12 @@ class RadiositySolution:
         return np.ascontiguousarray((self.solution.flux / np.maximum(self.tree.area, _TINY)).T)
 
     @cached_property
+    def direct_share(self) -> Float64:
+        """(n_node, 3) in [0, 1]: share of a node's light that photons brought straight from lamps, or from lamps by mirrors and glass."""
+        direct, indirect = np.maximum(self.solution.coefficient[:, :, 0], 0.0)  # at the node's middle
+        return np.divide(direct, direct + indirect, out=np.zeros_like(direct), where=direct > 0.0).T
+
+    @cached_property
     def error2(self) -> Float64:
         """(n_node, 3) (W/m^2)^2: mean squared error of each leaf, its variance and what its functions cannot hold; 0 for other nodes.
 

