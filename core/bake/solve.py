@@ -198,9 +198,7 @@ class Solver:
         is_new = self.gathered is None or self._gathered_of < self.ledger.photons
         into = GatheredField.none(len(self.tracing.texels)) if is_new or self.gathered is None else self.gathered
         before = into.counters.get("rays", 0)
-        for _ in range(repeats):
-            if not into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop):
-                break
+        into.gather(self.folder, self.settings, self.executor, texels, known, tell, should_stop, repeats)
         self.ledger.gathered += into.counters.get("rays", 0) - before
         if into.passes.all():  # else it was stopped before every texel had an estimate, and the earlier one stays
             self.gathered, self._gathered_of = into, self.ledger.photons

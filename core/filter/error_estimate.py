@@ -156,10 +156,7 @@ class RayNoise:
         """Those at texel entries (m,), where `weight` (m, 3) makes squares relative."""
         if shown is None:
             return cls(*np.zeros((2, len(entry)), np.float32))
-        smoothing = shown.smoothing_at(entry)
-        noise2 = (weight * shown.variance_at(entry)).mean(axis=1)
-        noise2[smoothing.is_smoothed] *= smoothing.find_noise_share(weight)
-        return cls(noise2, (weight * smoothing.blur2).mean(axis=1))
+        return cls(*((weight * values).mean(axis=1) for values in (shown.variance_at(entry), shown.blur2_at(entry))))
 
     def take(self, rows: Int64, factor: FloatArray) -> RayNoise:
         """Those of the texels `rows` (k,), scaled by `factor` (k,)."""

@@ -25,7 +25,6 @@ _CHOSEN_BY_NOISE = 1.8
 # texel's variance or of its neighbours', whichever is less. Calibrated to zero blur of even light over twenty pages, to 0.0005; a test
 # repeats it. It depends on window, patch and strictness of nonlocal_means.
 _KEPT_BY_CHOICE = 0.0303
-_LEAST_NOISE_SHARE = 0.25  # measured: 0.4 to 0.7 for gathered light of the samples; less would be correlated errors
 _CHUNK = 1 << 16  # texels at a time, for the cache
 
 
@@ -132,11 +131,6 @@ class FilteredField:
         """(k, 3) float32, (W/m^2)^2: blur2 at filtered entries, 0 elsewhere."""
         return self._take(np.zeros((len(rows), 3), np.float32), self.blur2, rows)
 
-    def smoothing_at(self, rows: IntArray) -> SmoothedAt:
-        """The filter's effect at entries (k,)."""
-        is_smoothed = self._take(np.zeros((len(rows), 1), np.float32), np.ones((len(self.entry), 1), np.float32), rows)[:, 0] > 0
-        return SmoothedAt(self.irradiance_at(rows) - self.found[rows], self.blur2_at(rows), is_smoothed)
-
     def _take(self, plain: NDArray[np.float32], changed: NDArray[np.float32], rows: IntArray) -> NDArray[np.float32]:
         """Values `plain` (k, c) at entries `rows`, replaced in place by those of `changed` (m, c) where light was filtered."""
         if len(self.entry):
@@ -144,35 +138,6 @@ class FilteredField:
             smoothed = np.flatnonzero(self.entry.take(place, mode="clip") == rows)
             plain[smoothed] = changed[place[smoothed]]
         return plain
-
-
-@dataclass(frozen=True)
-class SmoothedAt:
-    """The filter's effect at texels (k,).
-
-    change        (k, 3) float32, W/m^2: filtered light minus light before
-    blur2         (k, 3) float32, (W/m^2)^2: as in FilteredField
-    is_smoothed   (k,) bool
-    """
-
-    change: NDArray[np.float32]
-    blur2: NDArray[np.float32]
-    is_smoothed: NDArray[np.bool_]
-
-    def take(self, rows: IntArray) -> SmoothedAt:
-        """The effect at the texels `rows`."""
-        return SmoothedAt(self.change[rows], self.blur2[rows], self.is_smoothed[rows])
-
-    def find_noise_share(self, weight: NDArray[np.float32]) -> float:
-        """Real over estimated variance, from the squared change by the filter over the expected one; at most 1, since any excess is blur.
-
-        The sample variance of a texel's few rays overestimates the variance, since it ignores the gain by stratification.
-
-        weight   (k, 3) float32, factor of squares
-        """
-        changed2 = float((weight * self.change**2).sum(dtype=np.float64))
-        expected2 = changed2 - float((weight * self.blur2).sum(dtype=np.float64))
-        return min(max(changed2 / expected2, _LEAST_NOISE_SHARE), 1.0) if expected2 > 0.0 else 1.0
 
 
 def _add_channels(values: NDArray[np.float32]) -> NDArray[np.float32]:

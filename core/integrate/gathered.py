@@ -66,12 +66,16 @@ class GatheredField(DirectField):
         known: KnownLight,
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
+        repeats: int = 1,
     ) -> bool:
-        """As shoot."""
+        """As shoot, `repeats` times."""
         self.ask_for(settings.error)
         with shared_arrays.laid_out(folder, known) as view:
-            whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, count_rays(settings.error), view)
-            return self._send_rays(executor, texel_shards.gather_texels, whole, tell, should_stop)
+            for _ in range(repeats):
+                whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, count_rays(settings.error), view)
+                if not self._send_rays(executor, texel_shards.gather_texels, whole, tell, should_stop):
+                    return False
+        return True
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:
         before = self.passes[rows].astype(np.float32)

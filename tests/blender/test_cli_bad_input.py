@@ -116,7 +116,22 @@ def test_images_that_cannot_be_written_are_kept_elsewhere(room, capsys, monkeypa
 def bake_on_small_disk(scene, most_bytes, monkeypatch):
     """Exit code of a bake on a system where no file grows beyond this."""
     resource = pytest.importorskip("resource")
-    words = ("--uv-layer", "UVMap", "--quiet", "--objects", "Floor", "--margin", "256", "--size", "512", "--force", "--error", "0.1")
+    words = (
+        "--uv-layer",
+        "UVMap",
+        "--quiet",
+        "--objects",
+        "Floor",
+        "--margin",
+        "256",
+        "--size",
+        "512",
+        "--force",
+        "--error",
+        "0.1",
+        "--max-photons",
+        "5000000",
+    )
     argv = ["bake", str(scene), *QUICK, "--output", str(scene.parent / "maps"), *words]
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     with monkeypatch.context() as patch:

@@ -71,19 +71,6 @@ def test_smoothing_even_light_is_no_blur(texels):
     assert abs(np.mean(told)) < 0.003  # 0.001 by chance; a smoothed texel keeps 0.03 of its noise
 
 
-@pytest.mark.parametrize(("times", "share"), [(1.0, 1.0), (0.7, 0.49), (0.1, 0.25), (1.5, 1.0)])
-def test_noise_that_smoothing_does_not_find_is_no_noise(texels, times, share):
-    """It may be stated too large, of which a quarter is believed; what is more than stated is blur."""
-    every, sigma, found = np.arange(SIDE * SIDE), 0.1, []
-    for seed in range(6):
-        noisy = (1 + times * sigma * np.random.default_rng(seed).standard_normal((SIDE * SIDE, 3))).astype(np.float32)
-        shown = FilteredField.begin_smoothing(noisy, np.full_like(noisy, sigma**2), texels)()
-        told = shown.smoothing_at(every)
-        found.append(told.find_noise_share(np.ones_like(noisy)))
-        assert told.is_smoothed.all()
-    assert np.mean(found) == pytest.approx(share, rel=0.08)
-
-
 def test_few_dark_texels_among_lit_ones_are_told_roughly(texels):
     """Where one ray in a hundred of a texel's four met something, nearly all texels say that they have no noise at all."""
     real2, told2, every = [], [], np.arange(SIDE * SIDE)
