@@ -141,7 +141,9 @@ def _put_away(folder: Path, struct: Any, packed: _Packed) -> dict[str, Any]:
             if not _is_of_file(value, file):
                 folder.mkdir(parents=True, exist_ok=True)
                 file.unlink(missing_ok=True)  # as above
-                np.save(file, value)
+                with open(file, "wb") as out:  # numpy.save does not say why a disk takes no more
+                    np.lib.format.write_array_header_1_0(out, np.lib.format.header_data_from_array_1_0(value))  # type: ignore[no-untyped-call]
+                    out.write((value.T if value.flags.fnc else np.ascontiguousarray(value)).data)
     return header
 
 
