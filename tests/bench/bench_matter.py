@@ -84,9 +84,9 @@ default, *Auto*, it is 1.444 there).
 In the row *glass ball, area lamp* Cycles' texels are means of 4 x 4, for Cycles 5.0 samples the inner quarter of a texel, and the focus is
 sharper than that.
 
-What misses its target: in rows of glass and of some metals, what mirrors and glass send straight on comes from photons. When these rows were
-baked the stated error did not contain their noise, so that the bakes ended after too few photons: their means are right, sharp caustics are
-blurred. It does now. Rough diffuse walls reflect alike in all directions, where Oren and Nayar's reflect more light back.
+What misses its target: in rows of glass and of some metals, what mirrors and glass send straight on comes from photons. When these
+rows were baked the stated error did not contain their noise, so that the bakes ended after too few photons: their means are right, sharp
+caustics are blurred. It does now. Rough diffuse walls reflect alike in all directions, where Oren and Nayar's reflect more light back.
 
 | scene | mean | nrmse | |
 | --- | --- | --- | --- |
