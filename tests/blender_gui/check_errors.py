@@ -39,7 +39,7 @@ from gui_script import (
 )
 
 SCENE_FILE = bpy.data.filepath
-PICTURES = Path(os.environ["PICTURES"]) if "PICTURES" in os.environ else None
+PICTURES = make_pictures_folder() if "PICTURES" in os.environ else None
 WIDTH, BAR_HEIGHT, COLORS = 700, 24, 96
 
 
@@ -312,6 +312,4 @@ def steps() -> Iterator[float]:
     keys.keymap_items.remove(key)
 
 
-if PICTURES is not None:
-    make_pictures_folder(PICTURES)
 start(steps())

@@ -2,11 +2,10 @@
 
     blender --enable-event-simulate sample_blends/cornell_box.blend --python tests/blender_gui/check_undo.py
 
-The extension must be installed, and ImageMagick there. UNDO names the folder for the pictures (default: a temporary one).
+The extension must be installed, and ImageMagick there. PICTURES names the folder for the pictures (default: a temporary one).
 Prints a line for each check, and at last how many failed.
 """
 
-import os
 import shutil
 import subprocess
 import sys
@@ -35,7 +34,7 @@ from gui_script import (
     wait,
 )
 
-PICTURES = Path(os.environ.get("UNDO") or tempfile.mkdtemp(prefix="leaflight_undo_"))
+PICTURES = make_pictures_folder()
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_undo_file_")) / "room.blend"
 SAME, OTHER = 0.015, 0.025  # difference (RMSE, of 1) of two pictures of one thing, less or more smooth yet, and of two things
 
@@ -134,5 +133,4 @@ def lose_the_images() -> Iterator[float]:
     check("and the panel says why", "leaflight_missing" in bpy.context.scene)
 
 
-make_pictures_folder(PICTURES)
 start(check_all(walk(), "the checks came to their end"))

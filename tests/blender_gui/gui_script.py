@@ -6,6 +6,7 @@ A script is a generator: each value is the seconds until its next step, between 
 import os
 import shutil
 import subprocess
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -118,22 +119,26 @@ def crop_of(part, height: int | None = None) -> str:
     return f"{part.width}x{height}+{part.x}+{window().height - part.y - part.height}"
 
 
-def take_picture(path: Path, crop: str, *options: str, colors: int = 0) -> Iterator[float]:
-    """A part of the screen, of so many colours where that is set, with options of ImageMagick's.
+def take_picture(path: Path, crop: str, width: int = 0, colors: int = 0, dither: str = "None") -> Iterator[float]:
+    """A part of the screen, at most so wide, and of so many colours, where these are set. Dithered pictures are four times as large.
 
     Blender's own picture is black where OpenGL is software.
     """
-    few = ["-colors", str(colors), f"PNG8:{path}"] if colors else [str(path)]
-    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *options, *few])
+    narrow = ["-resize", f"{width}x>"] if width else []
+    few = ["-dither", dither, "-colors", str(colors), f"PNG8:{path}"] if colors else [str(path)]
+    process = subprocess.Popen(["import", "-window", "root", "-crop", crop, "+repage", *narrow, *few])
     while process.poll() is None:
         yield TICK_SECONDS
     print(f"PICTURE {path} {path.stat().st_size // 1000} kB", flush=True)
 
 
-def make_pictures_folder(folder: Path) -> None:
+def make_pictures_folder() -> Path:
+    """The folder that the environment variable PICTURES names, else a temporary one."""
     if not shutil.which("import"):
         raise SystemExit("ImageMagick's import is needed to take pictures: install ImageMagick.")
+    folder = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
     folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def choose_parts(parts: tuple[Callable[[], Iterator[float]], ...], prefix: str = "") -> list[Callable[[], Iterator[float]]]:

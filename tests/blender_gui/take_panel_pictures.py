@@ -6,7 +6,6 @@ The extension must be installed, and ImageMagick there. PICTURES names the folde
 Those of errors are check_errors.py's. PARTS names some of the parts below, default all.
 """
 
-import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,26 +15,9 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 import gui_script
-from gui_script import (
-    area_of,
-    bake,
-    check_all,
-    choose_parts,
-    crop_of,
-    has_bake,
-    in_view,
-    make_pictures_folder,
-    press,
-    region_of,
-    settle,
-    start,
-    state,
-    view,
-    wait,
-    window,
-)
+from gui_script import area_of, bake, check_all, choose_parts, has_bake, in_view, press, region_of, settle, start, state, view, wait, window
 
-PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
+PICTURES = gui_script.make_pictures_folder()
 MID_BAKE_FRACTION = 0.3
 LIT_ERROR = 0.3  # no error is stated before some rounds of photons
 STRICT_ERROR = 0.01  # such a bake does not end before it is stopped
@@ -50,8 +32,7 @@ def chosen():
 
 def take_picture(name: str, part, height: int | None = None, wide: int = WIDTH) -> Iterator[float]:
     """The upper part of an area or a region, small enough for a page of documentation."""
-    small = ("-resize", f"{wide}x>", "-dither", "FloydSteinberg")
-    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop_of(part, height), *small, colors=COLORS)
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", gui_script.crop_of(part, height), wide, COLORS, "FloydSteinberg")
 
 
 def picture_of_view(name: str, height: int = 560) -> Iterator[float]:
@@ -286,5 +267,4 @@ def steps() -> Iterator[float]:
         yield from check_all(part(), part.__name__)
 
 
-make_pictures_folder(PICTURES)
 start(steps())

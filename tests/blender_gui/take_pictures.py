@@ -23,9 +23,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import gui_script
 from gui_script import check_all, has_bake, in_view, make_pictures_folder, open_tab, press, settle, start, state, view, window
 
-TAKES_PICTURES = os.environ.get("PICTURES") != "none"
-PICTURES = Path(os.environ.get("PICTURES") or tempfile.mkdtemp(prefix="leaflight_pictures_"))
-QUALITY = os.environ.get("QUALITY", "PRODUCTION")
+PICTURES = make_pictures_folder() if os.environ.get("PICTURES") != "none" else None
+QUALITY = os.environ.get("QUALITY", "PREVIEW")
 SIZE = int(os.environ.get("SIZE", "512"))
 PASS = os.environ.get("PASS", "combined")
 OUTPUT = os.environ.get("OUTPUT") or tempfile.mkdtemp(prefix="leaflight_images_")
@@ -38,7 +37,7 @@ ALONE_TICKS = 150
 
 def take_picture(name: str) -> Iterator[float]:
     """The whole window."""
-    if TAKES_PICTURES:
+    if PICTURES:
         yield from gui_script.take_picture(PICTURES / f"{name}.png", f"{window().width}x{window().height}+0+0")
 
 
@@ -125,6 +124,4 @@ def leaves_bake_after_undo() -> bool:
     return has_bake()
 
 
-if TAKES_PICTURES:
-    make_pictures_folder(PICTURES)
 start(check_all(steps(), "the pictures"), has_checks=False)

@@ -2,11 +2,10 @@
 
     blender --python tests/blender_gui/take_walk.py
 
-The extension must be installed, and ImageMagick there. WALK names the folder for the pictures (default: a temporary one).
+The extension must be installed, and ImageMagick there. PICTURES names the folder for the pictures (default: a temporary one).
 Prints a line for each thing that a user counts on, and at last how many failed. The pictures are those of docs/first-bake.md.
 """
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -17,32 +16,16 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 import gui_script
-from gui_script import (
-    check,
-    check_all,
-    crop_of,
-    has_bake,
-    in_view,
-    make_pictures_folder,
-    press,
-    region_of,
-    settle,
-    start,
-    state,
-    view,
-    wait,
-    window,
-)
+from gui_script import check, check_all, has_bake, in_view, press, region_of, settle, start, state, view, wait, window
 
-PICTURES = Path(os.environ.get("WALK") or tempfile.mkdtemp(prefix="leaflight_walk_"))
+PICTURES = gui_script.make_pictures_folder()
 FILE = Path(tempfile.mkdtemp(prefix="leaflight_walk_file_")) / "My Room.blend"
 WIDTH, COLORS = 640, 96
 
 
 def take_picture(name: str, crop: str = "") -> Iterator[float]:
     """The 3D View, or another part of the screen."""
-    small = ("-resize", f"{WIDTH}x>", "-dither", "None")  # dithered they are four times as large
-    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop or crop_of(view()), *small, colors=COLORS)
+    yield from gui_script.take_picture(PICTURES / f"{name}.png", crop or gui_script.crop_of(view()), WIDTH, COLORS)
 
 
 def open_tab() -> Iterator[float]:
@@ -150,5 +133,4 @@ def picture_preferences() -> Iterator[float]:
     yield from take_picture("0_preferences", f"{opened.width}x130+{opened.x}+80")  # without a window manager it stands at the top
 
 
-make_pictures_folder(PICTURES)
 start(check_all(walk(), "the walk came to its end"))
