@@ -20,7 +20,7 @@ from file_scenes import SCENES as FILE_SCENES
 from leaflight.addon.read.object_settings import registered
 from leaflight.addon.show.scene_prints import print_scene
 from leaflight.addon.ui import cli
-from leaflight.core.output.image_file import read_image, write_image
+from leaflight.core.output.image_file import linear_to_srgb, read_image, srgb_to_linear, write_image
 from light_scenes import SCENES as LIGHT_SCENES
 from lightmap_errors import LightmapErrors, measure_errors
 from matter_scenes import CAUSTICS, FLOOR, NOISY, PARTS, WITHOUT_CAUSTICS
@@ -33,6 +33,7 @@ PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
 KEPT = ROOT / "out" / "matter"
 _MEAN_TARGET, _NRMSE_TARGET = 0.01, 0.04
 _COLUMNS, _GAP = 4, 4  # of the sheet, pairs; texels
+_SHADES = 85  # of a channel of the sheet: of 255, noise does not compress
 _HEAD = """# Light by every kind of sky, lamp and matter
 
 A floor of 4 m in a small scene for each kind of sky, lamp, geometry and matter, baked by Leaflight (`--error 0.01`) and by Cycles
@@ -149,17 +150,22 @@ def bake_reference(name: str, blend: Path, size: int, samples: int) -> list[np.n
 
 
 def draw_sheet(pairs: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """(height, width, 4): Leaflight's picture left of Cycles' in each pair, row by row from the top, each pair to its own brightness."""
+    """(height, width, 3): Leaflight's picture left of Cycles' in each pair, row by row from the top, each pair to its own brightness."""
     size = len(pairs[0][0])
     rows = -(-len(pairs) // _COLUMNS)
-    sheet = np.ones((rows * (size + _GAP), _COLUMNS * (2 * size + 2 * _GAP), 4), np.float32)
+    sheet = np.ones((rows * (size + _GAP), _COLUMNS * (2 * size + 2 * _GAP), 3), np.float32)
     for number, pair in enumerate(pairs):
         row, column = divmod(number, _COLUMNS)
         scale = 0.9 / max(float(np.quantile(pair[1][..., :3], 0.99)), 1e-9)
         for k, picture in enumerate(pair):
             low, left = (rows - 1 - row) * (size + _GAP), column * (2 * size + 2 * _GAP) + k * (size + 1)
-            sheet[low : low + size, left : left + size, :3] = picture[..., :3] * scale
-    return np.clip(sheet, 0, 1)
+            sheet[low : low + size, left : left + size] = picture[..., :3] * scale
+    return reduce_shades(sheet)
+
+
+def reduce_shades(picture: np.ndarray) -> np.ndarray:
+    """A linear picture with so few shades that its PNG is small."""
+    return srgb_to_linear(np.rint(linear_to_srgb(np.clip(picture, 0, 1)) * _SHADES) / _SHADES)
 
 
 def main() -> int:

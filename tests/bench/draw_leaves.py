@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from leaflight.core.output.image_file import linear_to_srgb
 from paper_bakes import Bake, Stage
 
 MOST_COLOURS = 256  # of a picture's palette: noise does not compress otherwise
@@ -59,8 +60,7 @@ def draw_edges(picture: np.ndarray, leaf: np.ndarray, colour: tuple[float, float
 
 def to_display(linear: np.ndarray, exposure: float) -> np.ndarray:
     """sRGB values in [0, 1]; `exposure` is the radiance shown as white."""
-    x = np.clip(linear / exposure, 0.0, 1.0)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    return linear_to_srgb(np.clip(linear / exposure, 0.0, 1.0))
 
 
 def chart_picture(bake: Bake, values: np.ndarray, leaf: np.ndarray, chart: int, zoom: int) -> tuple[np.ndarray, np.ndarray]:
