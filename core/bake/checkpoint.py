@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..integrate.direct_field import DirectField
+from ..integrate.gathered import GatheredField, count_rays
 from ..parallel import shared_arrays
 from ..radiosity.deposit_worth import Guiding
 from ..radiosity.quadtree import Quadtree
@@ -33,7 +34,7 @@ from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 18
+FORMAT_VERSION = 19
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Groups of settings, and single settings, in which a continued bake may differ. If only the continued bake has a pass `direct`, the
@@ -50,6 +51,8 @@ class Checkpoint:
     energy_w        (7, 3) float64: the ledger's sums, in the order of photon_log.ENERGY_NAMES
     cell            (k,) int64: cells of sides without a lightmap that photons fell on
     cell_flux       (2, 3, k) float64: their flux, as in cell_tally.CellTally
+    gathered_of     photons whose light `gathered` is
+    gather_rays     rays that gathered light, of which there may be more than `gathered` has
     guiding         guide of the last round, if the results of some of its shards were not added
     late            fields of these shards, as photon_shards.PhotonShard without folders
     """
@@ -58,13 +61,15 @@ class Checkpoint:
     tally: Tally
     births: EmissionGuide
     direct: DirectField
+    gathered: GatheredField | None
+    gathered_of: int
     energy_w: NDArray[np.float64]
     cell: NDArray[np.int64]
     cell_flux: NDArray[np.float64]
     photons: int
     rays: int
     deposits: int
-    gathered: int
+    gather_rays: int
     round: int
     guiding: Guiding | None
     late: list[dict[str, Any]]
@@ -74,7 +79,7 @@ class Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.rays, ledger.deposits, ledger.gathered, solver.round
-        parts = solver.tree, solver.tally, solver.births, solver.direct
+        parts = solver.tree, solver.tally, solver.births, solver.direct, solver.gathered, solver._gathered_of
         cell = np.flatnonzero(solver.cell_tally.flux.any(axis=(0, 1)))
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
         guiding = solver.guiding if late else None
@@ -91,13 +96,18 @@ class Checkpoint:
     def give_to(self, solver: Solver) -> None:
         """Give the state to a new solver of the same scene and method."""
         solver.tree, solver.tally, solver.births = self.tree, self.tally, self.births
-        solver.direct, solver.round = self.direct, self.round
+        solver.direct, solver.gathered, solver.round = self.direct, self.gathered, self.round
+        # A mean over passes of different size has more noise than need be. If a smaller error wants more rays in each, light is gathered anew.
+        if self.gathered and self.gathered.rays_of_pass >= count_rays(solver.settings.error):
+            solver._gathered_of = self.gathered_of
         solver.cell_tally.flux[:, :, self.cell], solver.cell_tally.photons[:] = self.cell_flux, self.tally.photons
-        solver.direct.ask_for(solver.settings.error)
+        for field in (self.direct, self.gathered):
+            if field:
+                field.ask_for(solver.settings.error)
         ledger = solver.ledger
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, solver.photons_before = self.photons, self.photons
-        ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gathered
+        ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gather_rays
         solver.send_again([PhotonShard(**fields) for fields in self.late], self.guiding)
 
 

@@ -43,13 +43,15 @@ def count_rays(error: float) -> int:
 class GatheredField(DirectField):
     """As DirectField, of indirect light.
 
-    doubt   (n,) float32, W/m^2: of GatheredLight
+    doubt           (n,) float32, W/m^2: of GatheredLight
+    rays_of_pass    rays of a texel in each pass, 0 before the first
     """
 
     said: ClassVar = Status("photons", "Indirect light")
     most_passes: ClassVar = 256  # of hardly more rays than a texel takes at once; with 64 small errors are missed
 
     doubt: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    rays_of_pass: int = 0
 
     @classmethod
     def none(cls, n_texel: int) -> GatheredField:
@@ -70,9 +72,10 @@ class GatheredField(DirectField):
     ) -> bool:
         """As shoot, `repeats` times."""
         self.ask_for(settings.error)
+        self.rays_of_pass = self.rays_of_pass or count_rays(settings.error)
         with shared_arrays.laid_out(folder, known) as view:
             for _ in range(repeats):
-                whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, count_rays(settings.error), view)
+                whole = texel_shards.GatherShard(str(folder), settings.seed, self.turns, 0, texels, self.rays_of_pass, view)
                 if not self._send_rays(executor, texel_shards.gather_texels, whole, tell, should_stop):
                     return False
         return True

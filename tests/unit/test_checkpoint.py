@@ -123,6 +123,20 @@ def test_light_that_is_gathered_after_every_round_is_that_of_a_bake_that_was_not
     assert rest.ledger.gathered == whole.ledger.gathered > 0
 
 
+def test_gathered_light_is_kept(tmp_path):
+    """A bake that goes on has the light and the error that the first one ended with, until both get better."""
+    settings = replace(SETTINGS, error=0.02)
+    kept, light = keep(tmp_path, settings, 10**9)
+    assert (light.stopped_by, light.gathered is None) == ("error", False)
+    solver = make_solver(tmp_path / "second", lamp_scene(), replace(settings, error=0.015), begun=False)
+    load_checkpoint(kept, tmp_path / "second", solver.settings).give_to(solver)
+    assert light_bytes(run(solver, 0)) == light_bytes(light)
+    assert run(solver, 0).error == pytest.approx(light.error, rel=0.02)  # less noise is filtered
+    rest = run(solver)
+    assert rest.gathered.counters["rays"] == rest.ledger.gathered > light.ledger.gathered, "no ray was sent in vain"
+    assert rest.error <= 0.015
+
+
 def test_another_scene_or_method_is_refused_by_name(tmp_path, kept):
     with pytest.raises(ValueError, match="another scene; bake again"):
         go_on(tmp_path, kept, scene=lamp_scene(rho=0.51))
