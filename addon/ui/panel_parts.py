@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.user_text import Sentence
+from ...core.util.user_text import Sentence, begin_line
 from ..app.estimate import Estimate
 from ..show.bake_text import describe_seconds
 from .select_operator import is_known
@@ -16,8 +16,13 @@ _CHARACTER_PIXELS = 7.0  # of a label's text at a scale of 1, on average
 _BUTTON_CHARACTERS = 6
 
 
-def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str, narrower: int = 0) -> None:
-    """A sentence over as many lines as it needs; Blender's labels do not wrap."""
+def draw_sentence(layout: Any, context: bpy.types.Context, text: str, icon: str) -> None:
+    """A sentence that begins with no name."""
+    _draw_wrapped(layout, context, begin_line(text), icon)
+
+
+def _draw_wrapped(layout: Any, context: bpy.types.Context, text: str, icon: str, narrower: int = 0) -> None:
+    """A text over as many lines as it needs; Blender's labels do not wrap."""
     width = context.region.width / (_CHARACTER_PIXELS * context.preferences.system.ui_scale) - 8 - narrower
     column = layout.column(align=True)
     for i, line in enumerate(textwrap.wrap(text.replace(" %", "\N{NO-BREAK SPACE}%"), max(int(width), 16))):
@@ -28,7 +33,7 @@ def draw_subjects(layout: Any, context: bpy.types.Context, told: Sentence, icon:
     """A sentence with a button that selects what it is about."""
     selects = any(is_known(context, name) for name in told.names)
     row = layout.row()
-    draw_sentence(row, context, told.text, icon, _BUTTON_CHARACTERS if selects else 0)
+    _draw_wrapped(row, context, begin_line(told.text, told.names), icon, _BUTTON_CHARACTERS if selects else 0)
     if selects:
         row.operator("leaflight.select", text="", icon="RESTRICT_SELECT_OFF").names = "\n".join(told.names)
 

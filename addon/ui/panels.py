@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ...core.util.user_text import Sentence, group_warnings, split_error
+from ...core.util.user_text import Sentence, begin_line, group_warnings, split_error
 from ..app.bake_state import BakeState
 from ..app.properties import TEXTS, is_changed, list_groups, list_knobs
 from ..app.request import find_mode_error, find_output_error
@@ -67,7 +67,7 @@ class LEAFLIGHT_PT_main(_Sidebar, bpy.types.Panel):
             draw_show_it(layout)
         error = _find_error(context, state)
         if error and error != now:
-            draw_subjects(layout.box(), context, split_error(error, partial(is_known, context)), "ERROR")
+            _draw_error(layout.box(), context, error)
         if wears:
             draw_doubts(layout, context)
         # What this Blender knows of the last bake is told only of files without a word about it: undo may have brought back another bake.
@@ -87,6 +87,10 @@ def _find_error(context: bpy.types.Context, state: BakeState) -> str:
     """The error of the last bake, if it is this scene's, or that of one that was deleted; else ""."""
     owner = next((scene for scene in bpy.data.scenes if scene.session_uid == state.scene), context.scene)
     return state.error if owner == context.scene else ""
+
+
+def _draw_error(layout: Any, context: bpy.types.Context, error: str) -> None:
+    draw_subjects(layout, context, split_error(error, partial(is_known, context)), "ERROR")
 
 
 def _draw_bake(layout: Any, context: bpy.types.Context, output_error: str) -> None:
@@ -118,7 +122,7 @@ def _draw_plan(layout: Any, context: bpy.types.Context) -> None:
     meter.watch(context)
     column = layout.box().column(align=True)
     if meter.problem:
-        draw_sentence(column, context, meter.problem, "ERROR")
+        _draw_error(column, context, meter.problem)
     elif meter.estimate is None:
         column.label(text="Measuring..." if meter.stale else "No mesh with faces to bake", icon="SORTTIME" if meter.stale else "INFO")
     else:
@@ -162,7 +166,7 @@ def _draw_lines(column: Any, lines: Sequence[str], active: bool) -> None:
     plan = column.column(align=True)
     plan.active = active
     for i, line in enumerate(lines):
-        plan.label(text=line, icon="TEXTURE" if i == 0 else "BLANK1")
+        plan.label(text=begin_line(line), icon="TEXTURE" if i == 0 else "BLANK1")
 
 
 def _draw_warnings(layout: Any, context: bpy.types.Context, warnings: list[Sentence]) -> None:

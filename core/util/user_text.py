@@ -41,6 +41,11 @@ def write_sentence(subjects: Iterable[str], sentence: str) -> Sentence:
     return Sentence(names, f"{', '.join(names[:_NAMED])}{more}: {said}")
 
 
+def begin_line(text: str, names: Iterable[str] = ()) -> str:
+    """The text with a capital letter, unless it begins with one of the names, which stays as the user wrote it."""
+    return text if text.startswith(tuple(names)) else text[:1].upper() + text[1:]
+
+
 def split_error(error: str, is_known: Callable[[str], bool]) -> Sentence:
     """An error with its subject: the longest known name before a colon, since names may contain colons."""
     parts = error.split(": ")

@@ -92,11 +92,21 @@ def test_an_error_stands_where_it_came_from():
     bpy.data.objects["Lamp"].hide_render = True
     with pytest.raises(RuntimeError, match="the scene has no light"):
         bpy.ops.leaflight.bake()
-    assert tells("the scene has no light")
+    assert tells("The scene has no light")
     bpy.context.window.scene = other
-    assert not tells("the scene has no light")
+    assert not tells("The scene has no light")
     bpy.data.scenes.remove(first)
-    assert tells("the scene has no light"), "else nobody would tell of it"
+    assert tells("The scene has no light"), "else nobody would tell of it"
+
+
+def test_lines_begin_with_a_capital_letter_but_for_names(state):
+    bpy.data.objects["Floor"].name = "floor"
+    bpy.context.window_manager.leaflight_meter.measure(bpy.context)
+    for error, line in (("floor: is odd", "floor: is odd"), ("the floor is odd", "The floor is odd")):
+        state.fail(error, bpy.context.scene.session_uid)
+        labels = [label for label in draw()[0] if label]
+        assert line in labels
+        assert not [label for label in labels if label[0].islower() and not label.startswith("floor")]
 
 
 def test_what_is_urgent_stands_above_the_result_and_the_plan(state):
@@ -123,7 +133,7 @@ def test_what_is_urgent_stands_above_the_result_and_the_plan(state):
     with pytest.raises(RuntimeError, match="the scene has no light"):
         bpy.ops.leaflight.bake()
     meter.measure(bpy.context)
-    places = find_places("the scene has no light", "has no faces", "Baked in", " texels, ")
+    places = find_places("The scene has no light", "has no faces", "Baked in", " texels, ")
     assert places == sorted(places)
     bpy.context.scene.leaflight.output = "//maps"  # of a file that is not saved, which is said with a button
     assert [name for name, _ in draw()[1]][:2] == ["leaflight.bake", "wm.save_as_mainfile"]
@@ -183,7 +193,7 @@ def test_a_bake_that_failed_takes_no_numbers_from_the_one_before(state):
     bpy.data.lights[0].energy = 0.0
     with pytest.raises(RuntimeError, match="light"):
         bpy.ops.leaflight.bake()
-    assert tells(state.error.split(": ")[0])
+    assert tells(state.error[1:].split(": ")[0])
     assert tells("1 page of 32 x 32")
 
 

@@ -1,7 +1,7 @@
 """Sentences of the panel and what each is about."""
 
 import pytest
-from leaflight.core.util.user_text import Sentence, group_warnings, match_name, split_error, write_sentence
+from leaflight.core.util.user_text import Sentence, begin_line, group_warnings, match_name, split_error, write_sentence
 
 
 def test_warnings_about_many_objects_are_one_sentence():
@@ -36,6 +36,13 @@ def test_an_error_names_its_subject_before_the_colon():
     assert split_error("Wall: left: is odd: mend it.", known).names == ("Wall: left",)
     assert split_error("Roof: is odd; mend it.", known).names == ()
     assert split_error("All is dark.", known) == Sentence((), "All is dark.")
+
+
+def test_a_line_begins_with_a_capital_letter_or_with_a_name_as_it_is():
+    assert begin_line("the scene has no light") == "The scene has no light"
+    assert begin_line("lamp: is dark", ["lamp"]) == "lamp: is dark"
+    assert begin_line("each lamp is dark", ["lamp"]) == "Each lamp is dark"
+    assert begin_line("") == ""
 
 
 @pytest.mark.parametrize(
