@@ -12,7 +12,7 @@ from ...core.util.settings import Settings
 from . import quantities, words
 
 # Target errors behind the names; any other error is "custom" and shows none of them pressed.
-QUALITY_ERROR = {"DRAFT": 0.10, "PRODUCTION": 0.05, "FINE": 0.02}
+QUALITY_ERROR = {"DRAFT": 0.10, "PREVIEW": 0.05, "PRODUCTION": 0.02}
 
 _CUSTOM = 0
 _BY_PAGE, _BY_DENSITY = 0, 1
