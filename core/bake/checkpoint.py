@@ -97,7 +97,7 @@ class Checkpoint:
         """Give the state to a new solver of the same scene and method."""
         solver.tree, solver.tally, solver.births = self.tree, self.tally, self.births
         solver.direct, solver.gathered, solver.round = self.direct, self.gathered, self.round
-        # A mean over passes of different size has more noise than need be. If a smaller error wants more rays in each, light is gathered anew.
+        # A mean over passes of different size has needless noise: where a smaller error wants more rays in each, light is gathered anew.
         if self.gathered and self.gathered.rays_of_pass >= count_rays(solver.settings.error):
             solver._gathered_of = self.gathered_of
         solver.cell_tally.flux[:, :, self.cell], solver.cell_tally.photons[:] = self.cell_flux, self.tally.photons
