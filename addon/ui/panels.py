@@ -158,7 +158,7 @@ def _draw_progress(layout: Any, context: bpy.types.Context, state: BakeState) ->
     if state.stopping or state.notice:
         row.operator("leaflight.discard", icon="TRASH")
     else:
-        row.label(text=state.describe_goal())
+        row.label(text=begin_line(state.describe_goal()))
     row.operator("leaflight.stop")
 
 
