@@ -125,7 +125,7 @@ def picture_refine() -> Iterator[float]:
     yield from wait(lambda: (state().progress and state().progress.estimated_error < LIT_ERROR) or not state().running)
     press("stop")
     yield from settle(0.2)
-    yield from picture_of_panel("stopping", 220)
+    yield from picture_of_panel("stopping", 360)
     yield from wait(lambda: not state().running)
     yield from measured()
     yield from picture_of_panel("stopped")
