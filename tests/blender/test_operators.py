@@ -68,6 +68,7 @@ def test_every_group_has_a_panel():
 
 def test_quality_is_the_target_error():
     chosen = bpy.context.scene.leaflight
+    assert chosen.quality == "PREVIEW", "as a new file has it"
     for name, error in properties.QUALITY_ERROR.items():
         chosen.quality = name
         assert properties.make_settings(chosen).error == error
