@@ -51,7 +51,7 @@ from .photon_shards import PhotonShard
 from .stop_rules import StopRules
 
 _LEAST_PHOTONS = 1 << 15  # Least photons of a round that a time limit cuts short: for fewer, estimating the light takes all of the time.
-PHOTONS_SHARE = 0.5  # share of the requested error that photons may have in gathered light; the rest is for rays
+PHOTONS_SHARE = 0.5  # share of the requested error that photons may leave in gathered light, and in caustics; the rest is for rays
 TRACING = Status("photons", "Tracing photons")
 
 
@@ -172,8 +172,9 @@ class Solver:
         return partial(self._shoot_again, reading, worst, repeats)
 
     def _foresee_photons(self, stated: error_estimate.StatedError) -> float:
-        """Relative error that the photons so far will leave in gathered light, by what fewer have left."""
-        return stated.photons * math.sqrt(self._gathered_of / max(self.ledger.photons, 1))
+        """Relative error that the photons so far will leave in gathered light, by what fewer have left, or leave in caustics."""
+        carried2 = max(stated.photons**2 - stated.caustics**2, 0.0) * self._gathered_of / max(self.ledger.photons, 1)
+        return max(math.sqrt(carried2), stated.caustics)
 
     @property
     def _is_last(self) -> bool:

@@ -24,6 +24,10 @@ from .filtered_field import FilteredField
 ValuesAt: TypeAlias = Callable[[Int64], FloatArray]
 
 
+def _no_light(entry: Int64) -> Float32:
+    return np.zeros((len(entry), 3), np.float32)
+
+
 @dataclass(frozen=True)
 class PhotonLight:
     """Light that pages show beside direct light by rays.
@@ -32,32 +36,30 @@ class PhotonLight:
     total      sum over all entries and channels, W/m^2
     error2_at  returns (k, 3) float, (W/m^2)^2: squared error from photons, whose means over many texels alone are meaningful
     by_rays    gathered light after the filter; None where leaves are shown
+    caustics2_at   the part of error2_at that comes from light by mirrors and glass, which is not gathered
     """
 
     at: ValuesAt
     total: float
     error2_at: ValuesAt
     by_rays: FilteredField | None = None
+    caustics2_at: ValuesAt = _no_light
 
     @classmethod
     def none(cls) -> PhotonLight:
         """No such light."""
         return cls(_no_light, 0.0, _no_light)
 
-    def beside(self, leaves: PhotonLight) -> PhotonLight:
-        """This light and that of leaves."""
+    def beside(self, caustics: PhotonLight) -> PhotonLight:
+        """This gathered light, and that by mirrors and glass on leaves."""
 
         def at(entry: Int64) -> FloatArray:
-            return self.at(entry) + leaves.at(entry)
+            return self.at(entry) + caustics.at(entry)
 
         def error2_at(entry: Int64) -> FloatArray:
-            return self.error2_at(entry) + leaves.error2_at(entry)
+            return self.error2_at(entry) + caustics.error2_at(entry)
 
-        return PhotonLight(at, self.total + leaves.total, error2_at, self.by_rays)
-
-
-def _no_light(entry: Int64) -> Float32:
-    return np.zeros((len(entry), 3), np.float32)
+        return PhotonLight(at, self.total + caustics.total, error2_at, self.by_rays, caustics.error2_at)
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class StatedError:
     direct            its part from direct light by rays, which more photons do not reduce
     gathered          its part from gather rays
     photons           its part from photons
+    caustics          of that, the part from light by mirrors and glass beside gathered light
     texel_direct2     returns (n,) float32: squared error of direct light by rays at each texel, 0 where no error is measured
     texel_gathered2   the same of gathered light; None without
     parts             groups of texels with one error each
@@ -79,6 +82,7 @@ class StatedError:
     direct: float
     gathered: float
     photons: float
+    caustics: float
     texel_direct2: Callable[[], Float32]
     texel_gathered2: Callable[[], Float32] | None
     parts: Parts
@@ -97,6 +101,7 @@ def state_error(metric: ErrorMetric, direct: FilteredField, photons: PhotonLight
         direct=math.sqrt(worst.direct2),
         gathered=math.sqrt(worst.gathered2),
         photons=math.sqrt(worst.photons2),
+        caustics=math.sqrt(worst.caustics2),
         texel_direct2=partial(light.relate_all, direct.variance_at),
         texel_gathered2=partial(light.relate_all, photons.by_rays.variance_at) if photons.by_rays else None,
         parts=light.parts,
@@ -174,6 +179,7 @@ class Sum:
     direct2: float = 0.0
     gathered2: float = 0.0
     photons2: float = 0.0
+    caustics2: float = 0.0
 
     @property
     def relative(self) -> float:
@@ -194,13 +200,14 @@ class Terms:
     direct: RayNoise
     gathered: RayNoise
     photons2: FloatArray
+    caustics2: FloatArray
 
     @classmethod
     def of(cls, light: ReferenceLight, entry: Int64) -> Terms:
         weight = light.weigh(entry)
         direct, gathered = (RayNoise.of(shown, entry, weight) for shown in (light.direct, light.photons.by_rays))
-        photons2 = (weight * light.photons.error2_at(entry)).mean(axis=1)
-        return cls(light.at(entry), light.dark, weight, direct, gathered, photons2)
+        by_photons = ((weight * at(entry)).mean(axis=1) for at in (light.photons.error2_at, light.photons.caustics2_at))
+        return cls(light.at(entry), light.dark, weight, direct, gathered, *by_photons)
 
     def sum_up(self, rows: Int64) -> Sum:
         """Means over the lit texels among `rows` (k,), without the worst."""
@@ -210,7 +217,8 @@ class Terms:
         likely = np.abs(self.photons2[rows]) + self.direct.noise2[rows] + self.gathered.noise2[rows]
         count = math.ceil(BEST_TEXELS * len(rows))
         best = rows[np.argpartition(likely, count - 1)[:count]]
-        return Sum(self.direct.sum_up(best), self.gathered.sum_up(best), max(_mean(self.photons2[best]), 0.0))
+        by_photons = (max(_mean(values[best]), 0.0) for values in (self.photons2, self.caustics2))
+        return Sum(self.direct.sum_up(best), self.gathered.sum_up(best), *by_photons)
 
     def find_error_alone(self, rows: Int64) -> float:
         """Error of the texels `rows` (k,) relative to their own brightness only. Approximate, since channels keep their weights."""
@@ -220,7 +228,7 @@ class Terms:
         weight = self.weight[rows]
         factor = np.divide(own.mean(axis=1), weight.mean(axis=1), out=np.zeros(len(light)), where=weight.any(axis=1))
         direct, gathered = self.direct.take(rows, factor), self.gathered.take(rows, factor)
-        alone = Terms(light, self.dark, own, direct, gathered, self.photons2[rows] * factor)
+        alone = Terms(light, self.dark, own, direct, gathered, self.photons2[rows] * factor, self.caustics2[rows] * factor)
         return alone.sum_up(np.arange(len(rows))).relative
 
 
