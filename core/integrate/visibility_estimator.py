@@ -207,8 +207,11 @@ class Tally:
         """
         error = self._error_squared()
         doubt = error > allowed**2
+        block, n_block = self._block, int(self._block.max(initial=-1)) + 1
+        if self._bumped.any():  # the normals of a map, too, may agree by chance
+            shared = np.bincount(block, error, minlength=n_block) / np.maximum(np.bincount(block, minlength=n_block), 1)
+            doubt |= self._bumped & (shared[block] > allowed**2)
         if stage == STAGES[1] or not self.source.is_sharp:
-            block, n_block = self._block, int(self._block.max(initial=-1)) + 1
             lit = np.bincount(block, self._lit, minlength=n_block) > 0
             if self._channel_sums is None:
                 differ = lit & (np.bincount(block, self._dark, minlength=n_block) > 0)

@@ -141,22 +141,24 @@ def test_texels_of_many_bumps_have_the_mean_of_their_light(tmp_path):
     assert page.mean() == pytest.approx(mean, rel=0.04)
 
 
-def bake_texels(tilts):
+def bake_texels(tilts, error=0.01, denoise=True):
     """Light (16, 16) from straight above on a map of columns that are tilted so, and its stated error; a layer fills the page."""
     bumps = list(zip(np.sin(tilts), np.zeros(len(tilts)), np.cos(tilts), strict=True))
     scene = tilted_scene(*bumps, lights=[Light("SUN", "Sun", power_rgb=(math.pi,) * 3)])
     scene = replace(scene, objects=(replace(scene.objects[0], has_layer=True),))
-    light = solve(scene, Settings(size=16, workers=1, error=0.01, passes=("lighting",), sides="front"))
+    light = solve(scene, Settings(size=16, workers=1, error=error, passes=("lighting",), sides="front", denoise=denoise))
     return light.pages["lighting"][0, :, :, 0], light.error
 
 
-def test_light_of_texels_with_many_bumps_is_as_noisy_as_is_stated():
+@pytest.mark.parametrize(("error", "denoise"), [(0.05, False), (0.01, False), (0.005, True)])
+def test_light_of_texels_with_many_bumps_is_as_noisy_as_is_stated(error, denoise):
+    """Also where the few first rays of a texel meet normals that are alike by chance."""
     tilts = np.random.default_rng(2).uniform(0.0, 1.2, (16, 100))
-    page, error = bake_texels(tilts.ravel())
+    page, stated = bake_texels(tilts.ravel(), error, denoise)
     light = np.cos(tilts[:, 25:75]).mean(axis=1)  # of the middle half, which is a texel's footprint
     off = (page / light - 1)[2:-2, 2:-2]
     assert np.abs(off.mean()) < 0.005
-    assert 0.5 < np.sqrt((off**2).mean()) / error < 2.0  # the filter takes some of the difference of bumps for noise
+    assert 0.5 < np.sqrt((off**2).mean()) / stated < 1.5
 
 
 def test_what_is_regular_in_a_map_is_not_missed():
