@@ -10,6 +10,7 @@ import pytest
 from boxes import lamp_scene, make_solver
 from leaflight.core.bake import checkpoint
 from leaflight.core.bake.checkpoint import INFO_FILE, load_checkpoint, read_info, remove_checkpoint, save_checkpoint
+from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import shared_arrays
 from leaflight.core.transport import rounds
 from leaflight.core.util.settings import Settings
@@ -109,6 +110,17 @@ def test_shards_that_were_under_way_when_a_bake_stopped_are_not_missing_when_it_
     save_checkpoint(tmp_path / "again", solver, run(solver, 0).error)  # stopped before it got anywhere
     (tmp_path / "more").mkdir()
     assert light_bytes(go_on(tmp_path / "more", tmp_path / "again", SETTINGS)) == light_bytes(whole)
+
+
+def test_a_bake_whose_direct_light_was_shot_again_goes_on_to_a_smaller_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(direct_shards, "TOLERANCE", 20.0)  # so that the first turn is too coarse
+    kept, part = keep(tmp_path, replace(SETTINGS, error=0.04, denoise=False, max_photons=3_000_000), 10**9)
+    passes, noise = part.direct.passes.copy(), part.direct.variance.mean()
+    assert (part.stopped_by, passes.max() > 1) == ("error", True)
+    rest = go_on(tmp_path, kept, replace(SETTINGS, error=0.02, denoise=False, max_photons=3_000_000))
+    assert rest.stopped_by == "error"
+    assert (rest.direct.passes >= passes).all()
+    assert rest.direct.variance.mean() < 0.5 * noise
 
 
 def test_light_that_is_gathered_after_every_round_is_that_of_a_bake_that_was_not_stopped(tmp_path):
