@@ -182,6 +182,7 @@ def test_the_noise_of_a_caustic_is_stated(tmp_path):
         solver = make_solver(tmp_path / str(seed), scene, Settings(size=32, padding=1, error=0.12, seed=seed))
         light = solver.run(lambda message: None, lambda: False)
         found = texel_light.light_at_texels(light, solver.tracing.texels)
+        assert light.ledger.gathered < 2.5 * light.gathered.counters["rays"]  # not anew after every round
         bakes.append((light.error, found.direct + found.indirect))
     (one, first), (other, second) = bakes
     mean = (first + second) / 2

@@ -15,7 +15,7 @@ from leaflight.core.lights.direct_points import each_chunk
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.scene.surface_cells import SurfaceCells
 from leaflight.core.util.settings import Settings
-from scenes import box_mesh, make_scene, moved
+from scenes import box_mesh, make_scene, moved, quad_mesh
 
 LAMP = Light("POINT", "Lamp", (0.5, 0.5, 0.5), power_rgb=(1.0, 1.0, 1.0))
 ROOM = moved(room_mesh(), (0.5, 0.5, 0.5))
@@ -23,21 +23,24 @@ BLOCK = moved(box_mesh("Block", (0.2, 0.2, 0.2)), (0.5, 0.5, 0.1))
 
 
 class Lit:
-    """A room whose light is known: 1 W/m^2, but 300 on a spot of its ceiling; or 120 on a block without a lightmap."""
+    """A room whose light is known: 1 W/m^2, but 300 on a spot of its ceiling and on other things in it; or, where these have no lightmap,
+    120 on one side of them.
+    """
 
-    def __init__(self, folder, meshes=(ROOM,), bare=False):
+    def __init__(self, folder, meshes=(ROOM,), bare=False, front=True):
         scene = make_scene(meshes, [LAMP], [Material("Grey", (0.5,) * 3)])
         if bare:
-            scene = replace(scene, objects=tuple(replace(thing, receives=thing.name != "Block") for thing in scene.objects))
+            scene = replace(scene, objects=(scene.objects[0], *(replace(thing, receives=False) for thing in scene.objects[1:])))
         solver = make_solver(folder, scene, Settings(even_out=False, size=64, padding=1), begun=False)
         self.texels, self.folder, self.unit_box = solver.tracing.texels, str(folder), solver.tracing.unit_box
         every = np.arange(len(self.texels))
         self.place = np.einsum("nk,nkj->nj", self.texels.bary_at(every), scene.tri_position[self.texels.texel_tri])
         spot = (self.place[:, 2] > 0.85) & (np.abs(self.place[:, :2] - 0.3).max(axis=1) < 0.06)
+        spot |= scene.tri_object[self.texels.texel_tri] > 0
         light = np.where(spot & (not bare), 300.0, 1.0).astype(np.float32)
         tri, is_front, _ = solver.tracing.cells.locate(np.arange(len(solver.tracing.cells)))
         on_cells = np.zeros((2, 3, len(tri)), np.float32)
-        on_cells[:, :, is_front & (scene.tri_object[tri] == 1)] = 60.0
+        on_cells[:, :, (is_front == front) & (scene.tri_object[tri] == 1)] = 60.0
         bright = find_bright(self.surfaces, np.tile(light, (3, 1)), on_cells.sum(axis=0))
         doubt = np.zeros(len(every), np.float32), np.zeros(on_cells.shape[::2], np.float32)
         self.known = gather.KnownLight(np.tile(light, (3, 1)), doubt[0], on_cells, doubt[1], bright)
@@ -53,18 +56,25 @@ class Lit:
         return gather.gather_light(scene, self.known, targets, texel, np.random.default_rng(seed), n_ray)
 
 
-def test_all_that_a_closed_room_sends_arrives(tmp_path):
-    lit = Lit(tmp_path)
-    aimed, plain, area = lit.gather(), lit.gather(aimed=False), lit.texels.texel_area
-    found, error2 = aimed.irradiance_rgb[:, 0] * area, aimed.variance_rgb[:, 0] * area**2
-    sigma = math.sqrt(error2.sum()) / found.sum()
-    assert sigma < 0.002
-    assert found.sum() == pytest.approx(0.5 * (lit.known.light[0] * area).sum(), rel=sigma_limit(1) * sigma + 1e-3)
-    assert aimed.variance_rgb.mean() < 0.06 * plain.variance_rgb.mean()  # twice the rays alone would halve it
+@pytest.mark.parametrize("meshes", [(ROOM,), (ROOM, moved(BLOCK, (0.0, 0.0, 0.2)))], ids=["empty", "block"])
+def test_all_that_a_closed_room_sends_arrives(tmp_path, meshes):
+    """Of the block's sides some hide the others, and the spot."""
+    lit = Lit(tmp_path, meshes)
+    bakes, area = [lit.gather(seed=seed) for seed in range(4)], lit.texels.texel_area
+    arrived = np.mean([bake.irradiance_rgb[:, 0] @ area for bake in bakes])
+    sigma = math.sqrt(np.mean([bake.variance_rgb[:, 0] @ area**2 for bake in bakes]) / len(bakes)) / arrived
+    assert sigma < 0.001
+    assert arrived == pytest.approx(0.5 * (lit.known.light[0] @ area), rel=sigma_limit(1) * sigma + 1e-3)
+    if len(meshes) == 1:
+        assert bakes[0].variance_rgb.mean() < 0.06 * lit.gather(aimed=False).variance_rgb.mean()  # twice the rays alone would halve it
 
 
-def test_a_bright_thing_without_a_lightmap_sends_the_same_with_less_noise(tmp_path):
-    lit = Lit(tmp_path, (ROOM, BLOCK), bare=True)
+SHEET = moved(quad_mesh("Sheet", 0.3, 0.3), (0.3, 0.3, 0.7))
+
+
+@pytest.mark.parametrize(("thing", "front"), [(BLOCK, True), (SHEET, True), (SHEET, False)])
+def test_a_bright_thing_without_a_lightmap_sends_the_same_with_less_noise(tmp_path, thing, front):
+    lit = Lit(tmp_path, (ROOM, thing), bare=True, front=front)
     aimed, plain = lit.gather(), lit.gather(aimed=False, seed=2)
     difference = (aimed.irradiance_rgb - plain.irradiance_rgb)[:, 0].mean()
     sigma = math.sqrt((aimed.variance_rgb + plain.variance_rgb)[:, 0].sum()) / len(lit.texels)
