@@ -1,15 +1,13 @@
 """A few cases of `make fuzz`: odd scenes, damaged files and odd words end in a bake or in a sentence, and harm nothing."""
 
 import os
-from datetime import date
 
 import pytest
 
 pytest.importorskip("bpy")
 
 from fuzz_judge import judge, list_content
-from run_faults import count_passed
-from run_fuzz import Outcome, run_cases, tabulate
+from run_fuzz import run_cases
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="cases are run with what POSIX has")
 
@@ -67,25 +65,3 @@ def test_runs_as_they_should_be(run):
 )
 def test_each_fault_is_seen(run, code, told, change):
     assert len(run(code, told, change or (lambda work, temporary: None))) == 1
-
-
-def test_the_table_counts_every_case_once():
-    outcomes = [Outcome(1, 0, "odd scene"), Outcome(2, 1, "damaged .glb", ["bad"]), Outcome(3, 2, "odd words: 'x'")]
-    rows = {row[0]: row[1:] for row in tabulate(outcomes).rows}
-    assert rows["all"] == ["3", "1", "1", "1", "2 of 3"]
-    assert sum(int(row[0]) for kind, row in rows.items() if kind != "all") == 3
-
-
-def test_results_of_faults_are_counted(tmp_path):
-    case = '<testcase name="{}">{}</testcase>'
-    found = tmp_path / "found.xml"
-
-    def count(*kinds):
-        content = "".join(case.format(i, f"<{kind}/>" if kind else "") for i, kind in enumerate(kinds))
-        found.write_text(f"<testsuites><testsuite>{content}</testsuite></testsuites>", encoding="utf-8")
-        return count_passed(found, date(2026, 1, 2))
-
-    assert count("", "", "") == ("3 of 3, 2026-01-02", True)
-    assert count("", "failure", "error") == ("1 of 3, 2026-01-02", False)
-    assert count("", "skipped") == ("1 of 1, 2026-01-02; 1 need what this machine lacks", True)
-    assert count("skipped")[1] is False

@@ -20,6 +20,7 @@ from scenes import box_mesh, make_scene, moved, quad_mesh, sphere_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 CORE = Path(ablation.__file__).resolve().parents[1]
+PAGE = CORE.parent / "docs" / "ablation.md"
 QUICK = Settings(size=48, padding=1, workers=1, error=0.03, max_photons=100_000)
 
 
@@ -42,6 +43,11 @@ def test_each_mechanism_is_asked_for_by_a_name_that_is_listed():
     assert asked | of_settings == set(ablation.MECHANISMS)
     with pytest.raises(KeyError):
         ablation.uses("magic")
+
+
+def test_the_page_lists_every_mechanism():
+    text = PAGE.read_text(encoding="utf-8")
+    assert [name for name in ablation.MECHANISMS if f"| {name} |" not in text] == []
 
 
 def test_unknown_names_are_refused_with_those_that_are_known(tmp_path, monkeypatch):

@@ -1,10 +1,8 @@
 """The references that bakes are held against, and the claims judged by them."""
 
-import bench_accuracy
 import numpy as np
 import pytest
 from cycles_reference import COMMITTED, REFERENCES, Reference
-from lightmap_errors import LightmapErrors
 
 SIZE = 32
 
@@ -47,37 +45,3 @@ def test_committed_references_have_little_noise_and_are_small(name, size):
     assert reference.noise < 0.02  # it cancels, but for what it does to the choice of the best texels
     assert (REFERENCES / f"{name}_{size}.npz").stat().st_size < 1_000_000
     assert len(reference.first) == reference.covered.sum()
-
-
-def measured(rel=0.01, bias=0.001, stated=0.01, finest=True, truth=None):
-    errors = LightmapErrors(100, rel, rel, rel, bias)
-    exact = LightmapErrors(100, truth, truth, truth, bias) if truth else None
-    return bench_accuracy.Measured("toy", finest, 1_000_000, errors, exact, stated, 1.0, np.zeros((2, 2, 4)))
-
-
-def series(*bakes, **options):
-    return bench_accuracy.Series(bakes or (measured(**options),))
-
-
-def test_seeds_are_added_while_chance_could_decide():
-    def bake(stated):
-        return lambda seed: measured(stated=stated(seed), rel=0.01, finest=False)
-
-    alike = bench_accuracy.repeat(bake(lambda seed: 0.01), 2)
-    apart = bench_accuracy.repeat(bake(lambda seed: 0.009 + 0.002 * (seed % 2)), 2)
-    assert len(alike.bakes) == 2
-    assert 2 < len(apart.bakes) < bench_accuracy.MOST_SEEDS
-    assert apart.doubt <= bench_accuracy.SURE
-    assert len(bench_accuracy.repeat(bake(lambda seed: 0.005 + 0.01 * (seed % 2)), 4).bakes) == bench_accuracy.MOST_SEEDS
-    assert len(bench_accuracy.repeat(lambda seed: measured(rel=0.0, finest=False), 2).bakes) == 2  # nothing to be measured
-    assert bench_accuracy.Series((measured(),)).doubt == float("inf")
-
-
-def test_stated_errors_are_held_against_the_mean_of_seeds_and_the_closed_form():
-    two = series(measured(rel=0.03, stated=0.04, finest=False), measured(rel=0.04, stated=0.03, finest=False))
-    assert two.ratio == pytest.approx(1.0)
-    assert two.row()[-1] == "0.75 to 1.33"
-    exact = series(rel=0.0, truth=0.02, stated=0.02, finest=False)
-    assert exact.ratio == pytest.approx(1.0)
-    assert exact.row()[5] == "2.00%"
-    assert len(exact.row()) == len(bench_accuracy.HEAD)
