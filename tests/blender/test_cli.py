@@ -158,17 +158,6 @@ def test_saved_file_wears_the_bake_and_bakes_alike_again(room):
 
 
 @pytest.mark.own_process
-def test_workers_do_not_change_the_bytes(room):
-    """Enough photons for several shards, so that the order of workers could matter."""
-    words = ("--max-photons", "300000", "--error", "0.0001", "--pass", "indirect", "--direct", "photons")
-    images = []
-    for name, more in (("one", ()), ("two", ("--workers", "2"))):
-        assert bake(room, *words, *more, output=room.parent / name) == 0
-        images.append((room.parent / name / "room_0.indirect.exr").read_bytes())
-    assert images[0] == images[1]
-
-
-@pytest.mark.own_process
 def test_a_time_limit_is_wall_time_from_the_start_of_the_command(room):
     """Contacts, direct light and smoothing of a large page would each take longer than what is asked for here."""
     words = ("--time-limit", "6", "--error", "0.0001", "--max-photons", "100000000000", "--size", "1024", "--workers", "1")

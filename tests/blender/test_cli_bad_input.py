@@ -62,16 +62,6 @@ def test_output_folder_that_cannot_be(room, capsys, below):
     assert refuse(room, capsys, "--output", str(folder)).startswith(f"{folder}: is no folder that can be written (")
 
 
-@pytest.mark.own_process
-def test_mechanisms_that_are_none(room, capsys, monkeypatch):
-    """And those that are: they reach the child that bakes, and the report says which were switched off."""
-    monkeypatch.setenv("LEAFLIGHT_WITHOUT", "magic")
-    assert refuse(room, capsys).startswith("LEAFLIGHT_WITHOUT: magic is no mechanism; known are ")
-    monkeypatch.setenv("LEAFLIGHT_WITHOUT", "tiles,seams")
-    assert any(text.startswith("LEAFLIGHT_WITHOUT: baked without seams, tiles; ") for _, text in bake_with_warnings(room))
-    assert read_report(room)["without"] == ["seams", "tiles"]
-
-
 @pytest.mark.parametrize("option", ["--report", "--save"])
 def test_files_that_cannot_be_written_are_told_before_the_bake(room, capsys, monkeypatch, option):
     monkeypatch.setattr(BakeProcess, "messages", None)  # a bake would begin with it

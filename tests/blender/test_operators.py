@@ -184,14 +184,6 @@ def test_selected_copy_stands_for_its_source(scene):
     assert bpy.ops.leaflight.bake() == {"FINISHED"}
 
 
-def test_core_s_sentence_reaches_script_and_panel(scene, state):
-    bpy.data.lights[0].energy = 0.0
-    error = bake_error()
-    assert state.error
-    assert state.error in error
-    assert not is_baked()
-
-
 def test_a_fault_of_ours_leaves_no_bake_running(scene, state, monkeypatch):
     def fail(*_):
         raise AttributeError("planted")

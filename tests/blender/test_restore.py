@@ -282,18 +282,6 @@ def test_one_undo_step_takes_a_bake_back(names, tmp_path):
     assert differences(shown, dump()) == []
 
 
-def test_removing_from_one_scene_leaves_the_other(names, tmp_path):
-    other = bpy.data.scenes.new("Other")
-    obj = bpy.data.objects.new("Elsewhere", make_quads("Elsewhere"))
-    other.collection.objects.link(obj)
-    bake([*names, "Elsewhere"], tmp_path)
-    restore.remove_bake(bpy.data.scenes["Scene"])
-    assert restore.is_preview_on(other)
-    assert obj.material_slots[0].material.node_tree.nodes["Image Texture"].image.name == "page_a"
-    restore.remove_bake(other)
-    assert_nothing_of_ours()
-
-
 def test_added_slot_stays_while_another_object_shows_a_bake_in_it(names, tmp_path):
     bake(names, tmp_path)
     first, second = bpy.data.objects["BareA"], bpy.data.objects["BareB"]

@@ -91,13 +91,3 @@ def test_it_can_be_stopped(tmp_path, monkeypatch, options, why):
     light = settle(tmp_path, error=1e-3, **options)
     assert light.stopped_by == why
     assert light.error > 1e-3
-
-
-def test_it_can_be_stopped_while_texels_are_shot_again(tmp_path, monkeypatch):
-    monkeypatch.setattr("leaflight.core.integrate.direct_shards.TOLERANCE", 20.0)
-    monkeypatch.setattr("leaflight.core.integrate.direct_shards.SHARD_TEXELS", 8)
-    asked = []
-    light = settle(tmp_path, error=1e-3, should_stop=lambda: asked.append(True) or len(asked) > 3)
-    assert light.stopped_by == "interrupted"
-    assert light.direct.passes.max() == 1
-    assert len(asked) == 5  # before the first shard, after three, and why the bake ends

@@ -163,17 +163,6 @@ def test_clusters_of_more_triangles_than_they_are():
     assert found.mean() == pytest.approx(expected.mean(), rel=0.03)  # 12 rings are a little smaller than their sphere
 
 
-def test_a_swatch_of_a_palette_close_to_a_floor_gives_what_a_colour_does():
-    """Lamps 2 mm over the floor whose one radiance comes from a texture: its points would be cut off there, the closed form is not."""
-    lamps = [moved(quad_mesh(f"Lamp {i}", 0.2, 0.2), (0.1 + 0.3 * (i % 3), 0.1 + 0.3 * (i // 3), 0.002)) for i in range(9)]
-    plain = lit_scene(emission=lamps, rgb=(3.0, 2.0, 1.0))
-    image = TextureImage("Palette", np.ones((4, 4, 3), np.float32), closest=True)
-    materials = (plain.materials[0], replace(plain.materials[1], emission_image=0))
-    textured = replace(plain, materials=materials, images=(image,), tri_emission_uv=np.full((plain.n_tri, 3, 2), 0.3, np.float32))
-    found, expected = (light_floor(prepare(scene)[0], tolerance=0.0).irradiance_rgb for scene in (textured, plain))
-    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
-
-
 def test_a_picture_close_to_a_floor_gives_all_of_its_light_with_little_noise():
     """A screen 1 mm over the floor, its pixels smaller than a texel: what a ray finds depends on the place in the texel where it starts."""
     plain = lit_scene(emission=[moved(quad_mesh("Screen", 0.35, 0.07), (0.3, 0.41, 0.001))], rgb=(0.65, 0.65, 0.65))
