@@ -36,7 +36,7 @@ def refuse(scene, capsys, *words):
 def bake_with_warnings(scene):
     """(subject, text) of a bake that must go on, and its pixels."""
     before = scene.read_bytes()
-    assert bake(scene) == 0
+    assert bake(scene, "--error", "0.5") == 0
     assert scene.read_bytes() == before
     pixels = read_pixels(scene.parent / "maps" / IMAGE)
     assert np.isfinite(pixels).all()

@@ -40,7 +40,7 @@ def bake_room(tmp_path, *passes, atlas=True, names=("Floor", "Cube"), size=32, l
     """Bakes these objects and puts the bake on them."""
     folder = tmp_path / "job"
     folder.mkdir()
-    settings = Settings(size=size, max_photons=5000, workers=1, passes=passes, atlas=atlas)
+    settings = Settings(size=size, error=0.5, max_photons=5000, workers=1, passes=passes, atlas=atlas)
     request = BakeRequest(settings, objects=names, uv_layer=layer, output=tmp_path / "maps")
     work = session.prepare(bpy.context, request, folder)
     run_bake(folder, lambda message: None, lambda: False)

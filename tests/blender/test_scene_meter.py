@@ -226,7 +226,8 @@ def test_checker_has_texels_of_the_wanted_size_before_there_are_charts():
 
 def test_checker_is_as_coarse_as_what_does_not_fit_a_page_will_be(meter, tmp_path):
     chosen = bpy.context.scene.leaflight
-    chosen.size, chosen.density, chosen.error, chosen.workers, chosen.output = 512, 150.0, 0.5, 1, str(tmp_path)
+    chosen.size, chosen.density, chosen.workers, chosen.output = 512, 150.0, 1, str(tmp_path)
+    chosen.direct, chosen.max_photons = "photons", 1000  # of a bake whose layout alone counts
     estimate = measure(meter)
     assert estimate.too_large == ("Floor",)
     told = make_checker(estimate.density, dict(zip(estimate.too_large, estimate.fitting, strict=True)))

@@ -284,6 +284,7 @@ def test_a_displacement_is_read_as_the_bump_that_cycles_shades():
 def test_occlusion_by_other_objects_is_named():
     _, tree, shader = add_material(add_floor())
     node = tree.nodes.new("ShaderNodeAmbientOcclusion")
+    node.samples = 1
     tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
     for node.only_local in (False, True):
         told = [text for _, text in export_scene(bpy.context).warnings if "Ambient Occlusion" in text]
