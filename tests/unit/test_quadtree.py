@@ -6,15 +6,6 @@ from leaflight.core.radiosity import quadtree
 from trees import SquareBake, make_map, make_square_map
 
 
-def test_children_share_out_the_area_of_their_parent():
-    bake = SquareBake(side=16, width=0.7, preview_depth=3)
-    tree = bake.tree
-    parents = np.flatnonzero(tree.has_children)
-    sums = [tree.area[tree.children[p][tree.children[p] >= 0]].sum() for p in parents]
-    np.testing.assert_allclose(sums, tree.area[parents], rtol=1e-12)
-    assert tree.area[0] == pytest.approx(0.7, rel=1e-12)
-
-
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_chart_may_leave_the_corners_of_its_square_empty(level):
     """Every node holds the texels that lie on its square, and no others."""
