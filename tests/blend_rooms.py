@@ -14,7 +14,7 @@ import numpy as np
 from leaflight.addon.app.job import library_paths
 from leaflight.addon.ui import cli
 
-QUICK = ("--size", "32", "--max-photons", "20000", "--workers", "1")
+QUICK = ("--size", "32", "--error", "0.5", "--max-photons", "20000", "--workers", "1")
 
 
 class PanelContext:

@@ -35,7 +35,7 @@ def start_process(scene, *words):
 @pytest.mark.own_process
 def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsys):
     before = room.read_bytes()
-    assert bake(room) == 0
+    assert bake(room, "--error", "0.05") == 0
     assert list_files(room.parent / "maps") == ["room_0.combined.exr"]
     pixels = read_pixels(room.parent / "maps" / "room_0.combined.exr")
     assert pixels.shape == (32, 32, 4)
