@@ -29,7 +29,6 @@ _KNOBS = {
     "atlas": "Share Pages",
     "contact": "Cut at Contacts",
     "hierarchical": "Adaptive Leaves",
-    "guided": "Guided Photons",
     "seams": "Close Seams",
     "finest_texels": "Smallest Leaf",
     "workers": "Processes",

@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 from ..integrate.direct_field import DirectField
 from ..integrate.gathered import GatheredField, count_rays
 from ..parallel import shared_arrays
-from ..radiosity.deposit_worth import Guiding
 from ..radiosity.quadtree import Quadtree
 from ..radiosity.tally import Tally
-from ..transport.emission_guide import EmissionGuide
 from ..transport.photon_log import ENERGY_NAMES
 from ..util.files import read_json, write_text_whole
 from ..util.job import SNAPSHOT_FILE
@@ -34,7 +32,7 @@ from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 19
+FORMAT_VERSION = 20
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Groups of settings, and single settings, in which a continued bake may differ. If only the continued bake has a pass `direct`, the
@@ -53,13 +51,11 @@ class Checkpoint:
     cell_flux       (2, 3, k) float64: their flux, as in cell_tally.CellTally
     gathered_of     photons whose light `gathered` is
     gather_rays     rays that gathered light, of which there may be more than `gathered` has
-    guiding         guide of the last round, if the results of some of its shards were not added
-    late            fields of these shards, as photon_shards.PhotonShard without folders
+    late            fields of the last round's shards whose results were not added, as photon_shards.PhotonShard without folders
     """
 
     tree: Quadtree
     tally: Tally
-    births: EmissionGuide
     direct: DirectField
     gathered: GatheredField | None
     gathered_of: int
@@ -71,7 +67,6 @@ class Checkpoint:
     deposits: int
     gather_rays: int
     round: int
-    guiding: Guiding | None
     late: list[dict[str, Any]]
 
     @classmethod
@@ -79,23 +74,21 @@ class Checkpoint:
         ledger = solver.ledger
         energy_w = np.array([ledger.energy_w[name] for name in ENERGY_NAMES])
         counts = ledger.photons, ledger.rays, ledger.deposits, ledger.gathered, solver.round
-        parts = solver.tree, solver.tally, solver.births, solver.direct, solver.gathered, solver._gathered_of
+        parts = solver.tree, solver.tally, solver.direct, solver.gathered, solver._gathered_of
         cell = np.flatnonzero(solver.cell_tally.flux.any(axis=(0, 1)))
         late = [dataclasses.asdict(dataclasses.replace(shard, tracing="", view="")) for shard in solver.rounds.dropped]
-        guiding = solver.guiding if late else None
         return cls(
             *parts,
             energy_w,
             cell,
             solver.cell_tally.flux[:, :, cell],
             *counts,
-            guiding,
             late,
         )
 
     def give_to(self, solver: Solver) -> None:
         """Give the state to a new solver of the same scene and method."""
-        solver.tree, solver.tally, solver.births = self.tree, self.tally, self.births
+        solver.tree, solver.tally = self.tree, self.tally
         solver.direct, solver.gathered, solver.round = self.direct, self.gathered, self.round
         # A mean over passes of different size has needless noise: where a smaller error wants more rays in each, light is gathered anew.
         if self.gathered and self.gathered.rays_of_pass >= count_rays(solver.settings.error):
@@ -108,7 +101,7 @@ class Checkpoint:
         ledger.energy_w = dict(zip(ENERGY_NAMES, self.energy_w, strict=True))
         ledger.photons, solver.photons_before = self.photons, self.photons
         ledger.rays, ledger.deposits, ledger.gathered = self.rays, self.deposits, self.gather_rays
-        solver.send_again([PhotonShard(**fields) for fields in self.late], self.guiding)
+        solver.send_again([PhotonShard(**fields) for fields in self.late])
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Photons of the first rounds, traced by idle processes while charts and texels are made.
 
-Tracing needs only the scene, since hits are found on pages later, and the first round has no guide. The result is the same to the byte as
-without tracing ahead.
+Tracing needs only the scene, since hits are found on pages later. The result is the same to the byte as without tracing ahead.
 """
 
 from __future__ import annotations

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..parallel import shared_arrays
-from ..radiosity.deposit_worth import Guiding
 from ..radiosity.quadtree import Quadtree, TreeView
 from . import photon_shards
 from .photon_shards import PhotonResult, PhotonShard
@@ -66,11 +65,9 @@ class PhotonRounds:
         _remove_views(self.dropped)
 
 
-def save_view(folder: Path, tree: Quadtree, n_texel: int, guiding: Guiding | None) -> str:
-    """Save the view and the guide for the shards of a round, and return the folder; arguments are as for TreeView.of_tree."""
+def save_view(folder: Path, tree: Quadtree, n_texel: int) -> str:
+    """Save the view for the shards of a round, and return the folder; arguments are as for TreeView.of_tree."""
     shared_arrays.save_struct(folder, TreeView.of_tree(tree, n_texel, shared_arrays.Room(folder)))
-    if guiding:
-        shared_arrays.save_struct(folder / photon_shards.GUIDING_FOLDER, guiding)
     return str(folder)
 
 

@@ -11,30 +11,19 @@ import numpy as np
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_view_open
 from ..radiosity.cell_tally import CellFlux
-from ..radiosity.deposit_worth import Guiding, weigh_groups
 from ..radiosity.quadtree import TreeView
 from ..radiosity.tally import ShardTally, deposit
 from ..transport import photons
-from ..transport.emission_cells import BirthCells
-from ..transport.emission_guide import BirthTally
 from ..transport.photon_log import Counters, EnergyAudit, ShardHits
 from ..transport.traced_scene import TracedScene, Tracing, open_scene, open_tracing
 from ..util import sampling
 from ..util.settings import Settings
-
-GUIDING_FOLDER = "guiding"  # within the folder of a view
 
 
 @keep_view_open
 def open_view(folder: str) -> TreeView:
     """The view that was written to `folder`; a process keeps the last one open."""
     return shared_arrays.load_struct(Path(folder), TreeView)
-
-
-@keep_view_open
-def open_guiding(folder: str) -> Guiding:
-    """The guide of the photons that was written to the folder of a view; a process keeps the last one open."""
-    return shared_arrays.load_struct(Path(folder) / GUIDING_FOLDER, Guiding)
 
 
 @dataclass(frozen=True)
@@ -50,7 +39,6 @@ class PhotonShard:
     max_depth: int
     degree: int
     skip_first: bool  # direct light comes from shadow rays
-    guided: bool = False  # the view's folder holds a guide
     hits: str = ""  # folder on this machine with hits that were traced ahead, see first_photons
 
     @classmethod
@@ -62,7 +50,6 @@ class PhotonShard:
         shares: Sequence[int],
         view: str,
         degree: int,
-        guided: bool = False,
     ) -> list[PhotonShard]:
         """Shards with `shares` photons each; the other arguments are as the fields."""
         by_rays = settings.direct == "rays"
@@ -76,7 +63,6 @@ class PhotonShard:
             max_depth=settings.max_depth - by_rays,  # the gather ray adds a bounce
             degree=degree,
             skip_first=by_rays,
-            guided=guided,
         )
         return [replace(whole, shard=number, photons=share) for number, share in enumerate(shares)]
 
@@ -86,24 +72,20 @@ class PhotonResult:
     """Sums and counts of one shard. Each of its photons carries the power of the whole scene.
 
     tally       sums over nodes
-    births      tally for the emission guide, if there is one
     elsewhere   photons on sides without a lightmap
     """
 
     tally: ShardTally
     audit: EnergyAudit
     counters: Counters
-    births: BirthTally | None
     elsewhere: CellFlux
 
     @classmethod
     def join(cls, pieces: Sequence[PhotonResult]) -> PhotonResult:
-        """Add up the pieces of one shard; the first piece has the results of all groups."""
-        first = pieces[0]
+        """Add up the pieces of one shard."""
         if len(pieces) == 1:
-            return first
-        return replace(
-            first,
+            return pieces[0]
+        return cls(
             tally=ShardTally.join([piece.tally for piece in pieces]),
             audit=EnergyAudit.join([piece.audit for piece in pieces]),
             counters=Counters.join([piece.counters for piece in pieces]),
@@ -114,12 +96,11 @@ class PhotonResult:
 def trace_photons(shard: PhotonShard) -> PhotonResult:
     """Trace the photons of a shard, unless that was done ahead, and sum them over nodes."""
     tracing, view = open_tracing(shard.tracing), open_view(shard.view)
-    guiding = open_guiding(shard.view) if shard.guided else None
-    pieces = _fetch_hits(Path(shard.hits)) if shard.hits else _trace_hits(tracing, shard, guiding.cells if guiding else None)
-    return PhotonResult.join([_sum_up(tracing, view, shard, guiding, hits) for hits in pieces])
+    pieces = _fetch_hits(Path(shard.hits)) if shard.hits else _trace_hits(tracing, shard)
+    return PhotonResult.join([_sum_up(tracing, view, shard, hits) for hits in pieces])
 
 
-def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guiding | None, hits: ShardHits) -> PhotonResult:
+def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, hits: ShardHits) -> PhotonResult:
     x, y = tracing.texels.hit_texel_xy(hits.tri, hits.u, hits.v)
     entry = tracing.texels.entry_of(hits.tri, x, y)
     cells, on_sides = tracing.cells, hits.elsewhere
@@ -135,14 +116,11 @@ def _sum_up(tracing: Tracing, view: TreeView, shard: PhotonShard, guiding: Guidi
     node, s, t = view.locate(tracing.texels.owner_of(entry, x, y), x, y)
     is_first = None if shard.skip_first and not tracing.scene.has_caustics else hits.is_first
     sums = deposit(node, s, t, hits.flux_rgb, is_first, len(view.centre), shard.degree)
-    born = None
-    if guiding and hits.groups:
-        born = BirthTally.of(hits.groups, weigh_groups(hits.groups, guiding.worth, node, hits.flux_rgb), len(guiding.cells))
-    return PhotonResult(sums, hits.audit, hits.counters, born, CellFlux.of(cell, flux, 2 * len(cells)))
+    return PhotonResult(sums, hits.audit, hits.counters, CellFlux.of(cell, flux, 2 * len(cells)))
 
 
 def trace_ahead(shard: PhotonShard) -> bool:
-    """Trace an unguided shard and keep its hits in the folder shard.hits, before texels and a view exist.
+    """Trace a shard and keep its hits in the folder shard.hits, before texels and a view exist.
 
     Returns False if there are too many hits to keep; the shard is then traced again later. Raises OSError if the disk is full.
     """
@@ -161,7 +139,7 @@ def _fetch_hits(folder: Path) -> Iterator[ShardHits]:
     yield hits
 
 
-def _trace_hits(opened: TracedScene, shard: PhotonShard, cells: BirthCells | None = None) -> Iterator[ShardHits]:
+def _trace_hits(opened: TracedScene, shard: PhotonShard) -> Iterator[ShardHits]:
     rng = sampling.shard_rng(shard.seed, shard.round, shard.shard)
     # The number of photons in the bake is not known yet: each carries all the power, and sums are divided by the number later.
-    return photons.trace_shard(opened.scene, shard.photons, shard.photons, rng, shard.max_depth, shard.skip_first, cells)
+    return photons.trace_shard(opened.scene, shard.photons, shard.photons, rng, shard.max_depth, shard.skip_first)

@@ -34,12 +34,10 @@ from ..integrate.texel_light import find_known
 from ..parallel.executors import spread
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
-from ..radiosity.deposit_worth import Guiding, weigh_deposits
 from ..radiosity.radiosity_solution import RadiositySolution
 from ..radiosity.tally import Tally
-from ..texels.error_metric import ErrorMetric, Parts
+from ..texels.error_metric import ErrorMetric
 from ..transport import rounds, traced_scene
-from ..transport.emission_guide import EmissionGuide
 from ..transport.energy_audit import Ledger
 from ..util.ablation import uses
 from ..util.messages import Status
@@ -80,10 +78,7 @@ class Solver:
             self._grow_previews()
         components = 1 if settings.direct == "rays" and not self.tracing.scene.has_caustics else tally.COMPONENTS
         self.tally = Tally.empty(len(self.tree), self.degree, components)
-        self.births = EmissionGuide.of(self.tracing.scene.emitter_share)
-        self.reading: RadiositySolution | None = None  # after the last round, as are the next two
-        self.parts: tuple[Parts, NDArray[np.float64]] | None = None  # parts whose error was estimated, and Parts.weigh of them
-        self.guiding: Guiding | None = None
+        self.reading: RadiositySolution | None = None  # after the last round
         self._mean_direct: tuple[tuple[RadiositySolution, int], NDArray[np.float64]] | None = (
             None  # result of _find_mean_direct and its key
         )
@@ -215,12 +210,10 @@ class Solver:
         return RadiositySolution.of(self.tree, self.tally, self.rule, self.settings.hierarchical and uses("coefficient_shrinkage"))
 
     def _trace_round(self, stated: error_estimate.StatedError | None) -> None:
-        self.guiding = self._guide_photons()
         view = self._save_view(self.round)
-        settings, born, (photons, left) = self.settings, [], self._next_photons(stated)
-        ahead, guided = rounds.count_ahead(self.round, settings.direct == "rays"), self.guiding is not None
-        shares = rounds.share_photons(photons, ahead)
-        shards = PhotonShard.of_round(self.folder, settings, self.round, shares, view, self.degree, guided)
+        settings, (photons, left) = self.settings, self._next_photons(stated)
+        shares = rounds.share_photons(photons, rounds.count_ahead(self.round, settings.direct == "rays"))
+        shards = PhotonShard.of_round(self.folder, settings, self.round, shares, view, self.degree)
         shards = [self.first.take(shard) for shard in shards]
         for shard, result in self.rounds.trace(shards, rounds.count_late(len(shards), left)):
             self.tally.add(shard.shard % 2, result.tally, shard.photons)
@@ -229,29 +222,17 @@ class Solver:
             if self.round and shard.shard % 2 and self.deadline.is_over():  # after a pair of shards both halves have equally many photons
                 self.rounds.drop()
                 break
-            if shard.round == self.round and result.births:  # late shards had older cells, and the plan they would guide is made
-                born.append(result.births)
-        self.births.add_round(born)
         self.round += 1
 
     def _save_view(self, number: int) -> str:
         place = self.folder / f"view_{self.settings.direct}_{number}"  # a bake by photons alone may follow one by rays that stopped at once
-        return save_view(place, self.tree, len(self.tracing.texels), self.guiding)
+        return save_view(place, self.tree, len(self.tracing.texels))
 
-    def send_again(self, late: list[PhotonShard], guiding: Guiding | None) -> None:
+    def send_again(self, late: list[PhotonShard]) -> None:
         """Resend shards of the last round that were under way when the bake stopped, if its limit allows them and another round."""
-        self.guiding = guiding
         if late and self.settings.max_photons - self.ledger.photons - sum(shard.photons for shard in late) > 1:
             view = self._save_view(late[0].round)
             self.rounds.send([replace(shard, tracing=str(self.folder), view=view) for shard in late])
-
-    def _guide_photons(self) -> Guiding | None:
-        """What guides the next round where photons bring all light; None before any round was read."""
-        if self.reading is None or not self.settings.guided or self.settings.direct != "photons":
-            return None
-        tree, flux = self.tree, self.reading.solution.flux
-        light = flux / np.maximum(tree.area[: flux.shape[1]], np.finfo(float).tiny)
-        return Guiding(weigh_deposits(tree, self.reading.leaves, light, self.ledger.deposits, self.parts), self.births.plan())
 
     def _find_mean_direct(self, reading: RadiositySolution) -> NDArray[np.float64]:
         """(3, n_node) float64, W/m^2: direct light by rays on the nodes of a reading; cached, for a round needs it twice."""
@@ -288,7 +269,6 @@ class Solver:
         limited = self.deadline.limit_spread(partial(spread, self.executor), self.deadline.is_over)
         direct = self.direct.show(texels, self.settings.denoise, limited)
         stated = error_estimate.state_error(self.metric, direct, self._show_photons(reading, limited))
-        self.parts = stated.parts, stated.parts.weigh(stated.of_parts, self.settings.error)
         return self._make_light(reading, stated), stated
 
     def _show_photons(self, reading: RadiositySolution, limited: Spread) -> error_estimate.PhotonLight:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -29,9 +28,6 @@ _NONE = -1  # group of texel entries outside of all groups
 _SAMPLE = 1 << 13  # sample size of the whole
 # Greatest sample size per object and of all objects; objects with fewer texels than the least form one group.
 _MOST_OF_EACH, _MOST_OF_ALL, _LEAST_OF_EACH = 1 << 10, 1 << 14, 1 << 5
-# Minimizing the greatest error is approximated by an L^p norm, p = 6; its iteratively reweighted squares have weights |e|^(p - 2).
-_WEIGHT_POWER = 4
-_MOST_WEIGHT = 1e4
 _CHUNK = 1 << 16
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
@@ -139,23 +135,10 @@ class Parts:
         """(k, 1) or (1,): `dark2` of texel entries (k,); infinite outside of all groups."""
         return self.dark2 if self.of_entry is None else self.spread(self.dark2, entry, np.inf)[:, None]
 
-    @cached_property
-    def size(self) -> Int64:
-        """(p,): texel entries of each group; only with of_entry."""
-        assert self.of_entry is not None
-        return np.bincount(self.of_entry + 1, minlength=len(self.rows) + 1)[1:].astype(np.int64)
-
     def spread(self, values: NDArray[Any], entry: IntArray | slice, elsewhere: float) -> NDArray[Any]:
         """(k,): values (p,) of the groups, gathered at texel entries (k,); `elsewhere` outside of all groups."""
         assert self.of_entry is not None
         return np.append(values, values.dtype.type(elsewhere))[self.of_entry[entry]]  # _NONE is the last
-
-    def weigh(self, errors: Float64, wanted: float) -> Float64:
-        """(p,) float64: weights per texel of squared errors, such that samples bring the greatest of the errors (p,) down to `wanted`."""
-        if self.of_entry is None:
-            return np.ones(1)
-        over = np.nan_to_num(errors) / wanted
-        return np.clip(over**_WEIGHT_POWER, 1.0 / _MOST_WEIGHT, _MOST_WEIGHT) / np.maximum(self.size, 1)
 
 
 def choose_lit(rows: Int64, lit: BoolArray) -> Int64:

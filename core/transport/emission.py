@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from ..lights.emitters import JoinedEmitters
 from ..scene.rays import RayScene
-from ..util.arrays import BoolArray, Float32, Float64, Int32
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
 from ..util.geometry import gather, locate_hits, offset_origin
 from ..util.sampling import low_discrepancy_points
-from .emission_cells import BirthCells, find_bins
 
 BATCH = 131_072  # photons in flight; measured with textures and a sky: 16 k is a tenth slower, 128 k a twentieth quicker at most
 _MOST_SURFACES = 1000  # along one ray; ends a photon that rounding keeps at one surface
@@ -31,7 +30,6 @@ class Photons:
     soft, stops, sky and link hold until the first hit; each optional field is None where it holds for no photon.
 
     soft       (4, n) float32   unit box: soft_radius, soft_offset, distance covered so far, and 1 for a crowded lamp, else 0
-    group      (n,) int32       at emission the bin of BirthCells; later see photon_log.Groups
     power      (3,) float64, W  sum of the flux, from the first hit on
     stops      (n,) bool        does not pass through surfaces, since light_every_surface made another photon behind the next one
     sky        (n,) bool        comes from an even sky
@@ -48,7 +46,6 @@ class Photons:
     direction: _Rows
     flux: _Rows
     soft: _Rows | None = None
-    group: Int32 | None = None
     power: Float64 = field(default_factory=lambda: np.zeros(3))
     stops: Bools | None = None
     sky: Bools | None = None
@@ -61,8 +58,8 @@ class Photons:
 class Arrivals:
     """Photons at the surfaces that they have met, if any.
 
-    tri, u, v                          (n,), as in rays.Hits
-    direction, flux, group, mirrored   as in Photons
+    tri, u, v                   (n,), as in rays.Hits
+    direction, flux, mirrored   as in Photons
     """
 
     tri: Int32
@@ -70,7 +67,6 @@ class Arrivals:
     v: _Rows
     direction: _Rows
     flux: _Rows
-    group: Int32 | None
     mirrored: Bools | None
 
     def only(self, rows: NDArray[np.intp]) -> Arrivals:
@@ -78,61 +74,57 @@ class Arrivals:
         if len(rows) == len(self.tri):
             return self
         tri, u, v = gather(self.tri, rows), gather(self.u, rows), gather(self.v, rows)
-        group = None if self.group is None else gather(self.group, rows)
         mirrored = None if self.mirrored is None else gather(self.mirrored, rows)
-        return Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), group, mirrored)
+        return Arrivals(tri, u, v, gather(self.direction, rows), gather(self.flux, rows), mirrored)
 
 
 def emit_photons(
     emitters: JoinedEmitters,
-    cells: BirthCells,
+    share: Float64,
     n_photons: int,
     total_flux_share: float,
     rng: np.random.Generator,
     batch: int = BATCH,
-    with_bins: bool = False,
 ) -> Iterator[tuple[Photons, Bools]]:
     """Batches of new photons, and which of them (n,) come from a lamp without shadow.
 
-    batch       greatest number of photons in a batch
-    with_bins   whether photons carry their bin of emission
+    share   (n_emitter,) float64, probability of each emitter
+    batch   greatest number of photons in a batch
     """
-    if n_photons <= 0 or not cells.share.any():
+    if n_photons <= 0 or not share.any():
         return
     shift = rng.integers(0, 2**32, (len(emitters), 4), np.uint32)
-    start = cells.count_births(n_photons, rng.random())
-    first_cell = np.searchsorted(cells.emitter, np.arange(len(emitters) + 1))
-    of_emitter = start[first_cell]
-    # Power of a photon from each cell over that of an unguided photon of its emitter.
-    carried = np.divide(cells.natural, cells.share, out=np.zeros(len(cells)), where=cells.share > 0).astype(np.float32)
-    whole = np.flatnonzero(np.diff(first_cell) == 1)
-    carried[first_cell[whole]] = 1  # the only cell of an emitter: its share of photons is divided out below, by emitter_share
-    emitter_share = np.bincount(cells.emitter, cells.natural, len(emitters))
-    emitter_share[whole] = cells.share[first_cell[whole]]
-    per_power = np.divide(total_flux_share / n_photons, emitter_share, out=np.zeros(len(emitters)), where=emitter_share > 0)
+    start = _share_out(share, n_photons, rng.random())
+    per_power = np.divide(total_flux_share / n_photons, share, out=np.zeros(len(emitters)), where=share > 0)
     power = (emitters.power_rgb * per_power[:, None]).T.astype(np.float32)
     for first in range(0, n_photons, batch):
         last = min(first + batch, n_photons)
-        cell = np.repeat(np.arange(len(cells)), np.diff(start.clip(first, last)))
-        within = of_emitter.clip(first, last)
-        bearing = np.flatnonzero(np.diff(within))
-        count = np.diff(within)[bearing]
+        within = start.clip(first, last)
+        count = np.diff(within)
+        bearing = np.flatnonzero(count)
+        count = count[bearing]
         emitter = np.repeat(bearing, count)
-        points = low_discrepancy_points(shift[bearing], within[bearing] - of_emitter[bearing], count)
-        births = emitters.emit(emitter, points if len(cells) == len(emitters) else cells.place(cell, points))
+        births = emitters.emit(emitter, low_discrepancy_points(shift[bearing], within[bearing] - start[bearing], count))
         flux = gather(power, emitter)
         flux *= births.relative_rgb.T
-        if len(cells) > len(emitters):
-            flux *= carried.take(cell)
         soft = None
         if births.soft_radius.any():
             crowded = emitters.crowded.take(emitter).astype(np.float32)
             soft = np.stack([births.soft_radius, births.soft_offset, np.zeros(last - first, np.float32), crowded])
-        born = find_bins(cell, points) if with_bins else None
         origin, direction = (np.ascontiguousarray(vectors.T) for vectors in (births.origin, births.direction))
         sky = emitters.is_even_sky.take(emitter) if emitters.is_even_sky.any() else None
         link = emitters.link.take(emitter) if (emitters.link >= 0).any() else None
-        yield Photons(origin, direction, flux, soft, born, sky=sky, link=link), ~emitters.casts_shadow.take(emitter)
+        yield Photons(origin, direction, flux, soft, sky=sky, link=link), ~emitters.casts_shadow.take(emitter)
+
+
+def _share_out(share: Float64, number: int, shift: float) -> Int64:
+    """(n_emitter + 1,) int64: index of each emitter's first photon among `number` photons in their order, and the end of the last.
+
+    By systematic sampling each emitter gets number * share to within one, and exactly so in the mean over shifts uniform in [0, 1).
+    """
+    end = np.ceil(np.cumsum(share) * number - shift).astype(np.int64).clip(0, number)
+    end[np.flatnonzero(share)[-1] :] = number  # a sum of shares may round to just below 1
+    return np.concatenate([[0], end])
 
 
 def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri_normal: _Rows, tri_frame: _Rows) -> int:
@@ -157,10 +149,9 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
             soft = None if photons.soft is None else gather(photons.soft, place)
             if soft is not None:
                 soft[2] = covered
-            group = None if photons.group is None else gather(photons.group, place)
             stops.append(np.ones(len(place), bool))
             link = None if photons.link is None else gather(photons.link, place)
-            parts.append(Photons(origin, direction, gather(photons.flux, place), soft, group, link=link))
+            parts.append(Photons(origin, direction, gather(photons.flux, place), soft, link=link))
         if not len(hit):
             break
         tri = found.tri[hit]
@@ -178,8 +169,6 @@ def light_every_surface(photons: Photons, shadowless: Bools, rays: RayScene, tri
         photons.soft = np.concatenate([part.soft for part in parts if part.soft is not None], axis=1)
     if photons.link is not None:
         photons.link = np.concatenate([part.link for part in parts if part.link is not None])
-    if photons.group is not None:
-        photons.group = np.concatenate([part.group for part in parts if part.group is not None])
     return traced
 
 
@@ -238,7 +227,6 @@ def join_waves(waves: list[Photons]) -> list[Photons]:
 def join_photons(waves: list[Photons]) -> Photons:
     """The photons of several waves in one; all of them have met a surface."""
     origin, direction, flux = (np.concatenate([getattr(one, name) for one in waves], axis=1) for name in ("origin", "direction", "flux"))
-    numbers = [one.group for one in waves if one.group is not None]
     power = np.sum([one.power for one in waves], axis=0)
     mirrored = None
     if any(one.mirrored is not None for one in waves):
@@ -248,5 +236,4 @@ def join_photons(waves: list[Photons]) -> Photons:
     if any(one.seen is not None for one in waves):
         all_seen = [np.ones((3, 3, one.flux.shape[1]), np.float32) if one.seen is None else one.seen for one in waves]
         seen = np.concatenate(all_seen, axis=2)
-    group = np.concatenate(numbers) if numbers else None
-    return Photons(origin, direction, flux, group=group, power=power, mirrored=mirrored, seen=seen)
+    return Photons(origin, direction, flux, power=power, mirrored=mirrored, seen=seen)

@@ -46,7 +46,6 @@ def reflect_photons(
     scene: GlossyScene,
     arrived: Arrivals,
     tri: IntArray,
-    group: Int32 | None,
     cosine: _Rows,
     is_first: bool,
     copies: int,
@@ -55,7 +54,6 @@ def reflect_photons(
     """Photons that are reflected specularly, by Russian roulette; None if none is. Diffuse reflection has a roulette of its own.
 
     tri        (n,) int64: of `arrived`
-    group      (n,) int32, None without groups
     cosine     (n,) float32: of the incoming directions with the geometric normal
     is_first   the photons come straight from a light
     copies     number that each photon splits into, with equal shares of its flux
@@ -88,22 +86,19 @@ def reflect_photons(
         return None
     row = gather(gather(place, on), kept)
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), face)
-    return send_on(scene, arrived, group, is_first, row, gather(origin, kept), gather(turned, kept), gather(flux, kept))
+    return send_on(scene, arrived, is_first, row, gather(origin, kept), gather(turned, kept), gather(flux, kept))
 
 
-def send_on(
-    scene: GlossyScene, arrived: Arrivals, group: Int32 | None, is_first: bool, row: IntArray, origin: _Rows, direction: _Rows, flux: _Rows
-) -> Photons:
+def send_on(scene: GlossyScene, arrived: Arrivals, is_first: bool, row: IntArray, origin: _Rows, direction: _Rows, flux: _Rows) -> Photons:
     """The photons `arrived` in rows (k,) after a specular event, with new origins, directions and flux, each (3, k).
 
-    group, is_first   as for reflect_photons
+    is_first   as for reflect_photons
     """
     mirrored = np.ones(len(row), bool)
     if not is_first:
         mirrored = np.zeros(len(row), bool) if arrived.mirrored is None else gather(arrived.mirrored, row)
-    own = None if group is None else gather(group, row)
     seen = None if scene.surfaces.tri_seen is None else gather(scene.surfaces.tri_seen, gather(arrived.tri, row))
-    return Photons(origin, direction, flux, group=own, power=np.add.reduce(flux, 1, np.float64), mirrored=mirrored, seen=seen)
+    return Photons(origin, direction, flux, power=np.add.reduce(flux, 1, np.float64), mirrored=mirrored, seen=seen)
 
 
 def shade(scene: GlossyScene, tri: IntArray, u: _Rows, v: _Rows, side: _Rows, face: _Rows, direction: _Rows) -> _Rows:

@@ -122,12 +122,10 @@ class Passing:
         flux = gather(through, on) / gather(chance, on)
         direction = gather(photons.direction, row)
         origin = leave_through(locate_hits(self.tri_frame, tri, u, v), direction, gather(self.tri_normal, tri))
-        soft = group = stops = sky = None
+        soft = stops = sky = None
         if photons.soft is not None:
             soft = gather(photons.soft, row)
             soft[2] += gather(distance, row)
-        if photons.group is not None:
-            group = gather(photons.group, row)
         if photons.stops is not None:
             stops = gather(photons.stops, row)
         if photons.sky is not None:
@@ -135,7 +133,7 @@ class Passing:
         mirrored = None if photons.mirrored is None else gather(photons.mirrored, row)
         link = None if photons.link is None else gather(photons.link, row)
         seen = None if seen is None else gather(seen, on)
-        return Photons(origin, direction, flux, soft, group, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link, seen)
+        return Photons(origin, direction, flux, soft, np.add.reduce(flux, 1, np.float64), stops, sky, mirrored, link, seen)
 
     def _share_at(self, tri: IntArray, u: _Rows, v: _Rows, of_lamp: BoolArray, direction: _Rows) -> _Rows:
         """(k, 3, n): transmittance for light straight from lamps where of_lamp (n,), elsewhere for other light, in directions (3, n); for k

@@ -1,4 +1,4 @@
-"""Results of a shard of photons: deposits, the energy audit, and tallies of photons by the bin of their emission."""
+"""Results of a shard of photons: deposits and the energy audit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
+from ..util.arrays import BoolArray, Float32, Float64, Int32
 
 _Rows = Float32
 _Ints = Int32
@@ -54,20 +54,6 @@ class Counters:
 
 
 @dataclass(frozen=True)
-class Groups:
-    """Groups of photons that were emitted as one.
-
-    place   (g,) int32          bin of emission, from emission_cells.find_bins
-    rays    (g,) int64          number of rays of each group
-    owner   (m,) int32          the group of each deposit
-    """
-
-    place: _Ints
-    rays: Int64
-    owner: _Ints
-
-
-@dataclass(frozen=True)
 class SideHits:
     """Photons that met a side of a triangle without a lightmap, first hits included.
 
@@ -94,7 +80,6 @@ class ShardHits:
     u, v       (m,) float32     barycentric weights of corners 1 and 2
     flux_rgb   (3, m) float32, W
     is_first   (m,) bool        direct light; where shadow rays find that, light from specular surfaces alone (caustics)
-    groups     None if they are not tallied
     elsewhere  hits on sides without a lightmap
     """
 
@@ -105,7 +90,6 @@ class ShardHits:
     is_first: BoolArray
     audit: EnergyAudit
     counters: Counters
-    groups: Groups | None
     elsewhere: SideHits
 
     def only(self, rows: NDArray[np.intp]) -> ShardHits:
@@ -117,7 +101,6 @@ class ShardHits:
             v=self.v.take(rows),
             flux_rgb=self.flux_rgb.take(rows, axis=1),
             is_first=self.is_first.take(rows),
-            groups=replace(self.groups, owner=self.groups.owner.take(rows)) if self.groups else None,
         )
 
 
@@ -128,7 +111,6 @@ class PhotonLog:
     """
 
     def __init__(self) -> None:
-        self._n_group = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -137,37 +119,20 @@ class PhotonLog:
         )
         self.photons = self.rays = self.n_hit = 0
         self._pieces: list[tuple[_Ints, _Rows, _Rows, _Rows, BoolArray]] = []  # tri, u, v, flux, is_first
-        self._place: list[_Ints] = []
-        self._under_way: list[_Ints] = []  # group of each ray
-        self._owner: list[_Ints] = []
         none, nobody = np.zeros(0, np.float32), np.zeros(0, bool)
         self._elsewhere = [SideHits(np.zeros(0, np.int32), none, none, nobody, nobody, np.zeros((3, 0), np.float32))]
 
-    def open_groups(self, place: _Ints) -> _Ints:
-        """Numbers (g,) of new groups; `place` is as in Groups."""
-        self._place.append(place)
-        first, self._n_group = self._n_group, self._n_group + len(place)
-        return np.arange(first, self._n_group, dtype=np.int32)
-
-    def count_rays(self, count: int, group: _Ints | None) -> None:
-        """group   (count,) int32: their groups, None without groups"""
-        self.rays += count
-        if group is not None:
-            self._under_way.append(group)
-
-    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: BoolArray, group: _Ints | None) -> None:
-        """Arguments are as in ShardHits; group (m,) int32, None without groups."""
+    def deposit(self, tri: _Ints, u: _Rows, v: _Rows, flux: _Rows, is_first: BoolArray) -> None:
+        """Arguments are as in ShardHits."""
         self._pieces.append((tri, u, v, flux, is_first))
         self.n_hit += len(tri)
-        if group is not None:
-            self._owner.append(group)
 
     def light_elsewhere(self, hits: SideHits) -> None:
         """Add photons that met sides without a lightmap."""
         self._elsewhere.append(hits)
 
     def take(self) -> ShardHits:
-        """All results since the last call. Groups come with the first call only, with what belongs to them so far."""
+        """All results since the last call."""
         nothing = np.zeros(0, np.float32)
         self._pieces.append((np.zeros(0, np.int32), nothing, nothing, np.zeros((3, 0), np.float32), np.zeros(0, bool)))
         tri, u, v, flux, is_first = zip(*self._pieces, strict=True)
@@ -179,13 +144,7 @@ class PhotonLog:
             np.concatenate(is_first),
             EnergyAudit(*(getattr(self, name) for name in ENERGY_NAMES)),
             Counters(self.photons, self.rays, self.n_hit),
-            self._groups() if self._place else None,
             SideHits(*(np.concatenate([getattr(hits, one.name) for hits in self._elsewhere], axis=-1) for one in fields(SideHits))),
         )
         self._forget()
         return hits
-
-    def _groups(self) -> Groups:
-        none = [np.zeros(0, np.int32)]
-        rays = np.bincount(np.concatenate(self._under_way + none), minlength=self._n_group)
-        return Groups(np.concatenate(self._place), rays, np.concatenate(self._owner + none))

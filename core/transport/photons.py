@@ -30,7 +30,6 @@ from ..util.arrays import BoolArray, Float32, Float64, Int32
 from ..util.geometry import UnitBox, gather, locate_hits, offset_origin, triangle_frames, triangle_normals_areas
 from ..util.sampling import grouped_points
 from .emission import BATCH, Arrivals, Photons, emit_photons, find_hidden, join_photons, join_waves, light_every_surface, soften
-from .emission_cells import BirthCells
 from .mirrors import reflect_photons
 from .passing import Passing
 from .photon_log import PhotonLog, ShardHits, SideHits
@@ -149,17 +148,15 @@ def trace_shard(
     rng: np.random.Generator,
     max_depth: int,
     skip_first: bool,
-    cells: BirthCells | None = None,
 ) -> Iterator[ShardHits]:
     """Trace photons until they escape, are absorbed or have met `max_depth` surfaces; yields their deposits whenever there are MOST_HITS,
     and at the end.
 
     total_flux_share   the photons' share of the scene's power: n_photons / all photons of a bake
     skip_first         direct light is computed elsewhere: first hits scatter but are not deposited, and photons split there
-    cells              densities of guided emission, for photons that do not split; the results then have groups
     """
     log = PhotonLog()
-    waves: Iterable[Photons] = _emit(scene, cells, n_photons, total_flux_share, rng, _count_parts(skip_first), log)
+    waves: Iterable[Photons] = _emit(scene, n_photons, total_flux_share, rng, _count_parts(skip_first), log)
     for depth in range(0, max_depth, _DEPTHS_TOGETHER):
         depths = range(depth, min(depth + _DEPTHS_TOGETHER, max_depth))
         left = [after for photons in waves if (after := _bounce(scene, photons, rng, depths, skip_first, log))]
@@ -204,7 +201,7 @@ def _meet(
 ) -> tuple[Photons | None, Photons | None]:
     """The photons that the next surface reflects, and those that pass straight through it and stay at this depth; None for none."""
     found = scene.rays.closest(photons.origin.T, photons.direction.T)
-    log.count_rays(len(found.tri), photons.group)
+    log.rays += len(found.tri)
     flux, faces = photons.flux, None
     if scene.coincident:
         found, faces = scene.coincident.share_out(found, photons.direction)
@@ -220,8 +217,8 @@ def _meet(
         photons.power = power
     landed = photons.power
     hit = (found.tri >= 0).nonzero()[0]
-    arrived = Arrivals(found.tri, found.u, found.v, photons.direction, flux, photons.group, photons.mirrored).only(hit)
-    tri, u, v, flux, group = arrived.tri, arrived.u, arrived.v, arrived.flux, arrived.group
+    arrived = Arrivals(found.tri, found.u, found.v, photons.direction, flux, photons.mirrored).only(hit)
+    tri, u, v, flux = arrived.tri, arrived.u, arrived.v, arrived.flux
     if len(hit) < len(found.tri):
         landed = _total(flux)
         log.escaped += photons.power - landed
@@ -271,7 +268,7 @@ def _meet(
     copies = _count_parts(splits)
     albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
     if scene.gloss:
-        mirrored = reflect_photons(scene, glossy, index, group, cosine, depth == 0, copies, rng)
+        mirrored = reflect_photons(scene, glossy, index, cosine, depth == 0, copies, rng)
         albedo, row = scene.gloss.find_diffuse(index, u, v, albedo)
         if mirrored:
             log.mirrored += mirrored.power
@@ -279,7 +276,7 @@ def _meet(
     specular = [mirrored] if mirrored else []
     if scene.glass:
         from_lamp = None if depth else np.ones(len(tri), bool) if photons.sky is None else ~gather(photons.sky, hit)
-        bent, refracted = bend_photons(scene, whole, index, group, cosine, depth == 0, from_lamp, seen, copies, rng)
+        bent, refracted = bend_photons(scene, whole, index, cosine, depth == 0, from_lamp, seen, copies, rng)
         if bent:
             specular.append(bent)
             log.mirrored += bent.power - refracted
@@ -322,16 +319,14 @@ def _meet(
         direction = _scatter(normal, numbers)
     power = _total(flux)
     log.absorbed += landed - power
-    group = None if group is None else gather(group, parent)
     seen = None if scene.surfaces.tri_seen is None else gather(scene.surfaces.tri_seen, gather(index, parent))
-    diffuse = Photons(origin, direction, flux, group=group, power=power, seen=seen) if flux.shape[1] else None
+    diffuse = Photons(origin, direction, flux, power=power, seen=seen) if flux.shape[1] else None
     on = [diffuse, *specular] if diffuse else specular
     return (join_photons(on) if len(on) > 1 else on[0] if on else None), passed
 
 
 def _emit(
     scene: TraceScene,
-    cells: BirthCells | None,
     n_photons: int,
     total_flux_share: float,
     rng: np.random.Generator,
@@ -340,13 +335,9 @@ def _emit(
 ) -> Iterator[Photons]:
     """Batches of emitted photons, each of which stands for `together` until it splits."""
     log.photons += n_photons if scene.emitter_share.any() else 0
-    with_bins = cells is not None
-    planned = BirthCells.whole(scene.emitter_share) if cells is None else cells
     count = -(-n_photons // together)
     batch = BATCH if together == 1 else max(2 * BATCH // together, 1)  # about half survive the first surface: BATCH photons after the split
-    for photons, shadowless in emit_photons(scene.emitters, planned, count, total_flux_share, rng, batch, with_bins):
-        if photons.group is not None:
-            photons.group = log.open_groups(photons.group)
+    for photons, shadowless in emit_photons(scene.emitters, scene.emitter_share, count, total_flux_share, rng, batch):
         if shadowless.any():
             log.rays += light_every_surface(photons, shadowless, scene.rays, scene.tri_normal, scene.tri_frame)
         yield photons
@@ -421,7 +412,7 @@ def _deposit(
             flux = flux * factor
     if received is not None:
         flux = flux * gather(received, kept)
-    log.deposit(own.tri, own.u, own.v, flux, gather(is_first, kept), own.group)
+    log.deposit(own.tri, own.u, own.v, flux, gather(is_first, kept))
 
 
 def _play_roulette(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..scene.glass import Bent, Glass
 from ..scene.scene import GLOSSY, TRANSMISSION
-from ..util.arrays import BoolArray, Float32, Float64, Int32, IntArray
+from ..util.arrays import BoolArray, Float32, Float64, IntArray
 from ..util.geometry import gather, locate_hits, offset_origin
 from .emission import Arrivals, Photons
 from .mirrors import GlossyScene, send_on, shade
@@ -20,7 +20,6 @@ def bend_photons(
     scene: GlossyScene,
     arrived: Arrivals,
     tri: IntArray,
-    group: Int32 | None,
     cosine: _Rows,
     is_first: bool,
     from_lamp: BoolArray | None,
@@ -61,7 +60,7 @@ def bend_photons(
         return None, nothing
     flux, tri, u, v, side, crossed = (gather(values, kept) for values in (flux, tri, u, v, side, bent.crossed))
     origin = offset_origin(locate_hits(scene.tri_frame, tri, u, v), side)
-    photons = send_on(scene, arrived, group, is_first, gather(place, kept), origin, gather(bent.direction, kept), flux)
+    photons = send_on(scene, arrived, is_first, gather(place, kept), origin, gather(bent.direction, kept), flux)
     return photons, np.add.reduce(flux[:, crossed], 1, np.float64)
 
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 from ..util.ablation import uses
 
 # The first round has FIRST_NODE_PHOTONS for each node of the first trees, since refinement needs that many; at least FIRST_ROUND_PHOTONS,
-# and at most MOST_FIRST_PHOTONS and FIRST_SHARE of a bake, since later photons are guided better.
+# and at most MOST_FIRST_PHOTONS and FIRST_SHARE of a bake, for nodes that are split late lose the photons from before.
 FIRST_ROUND_PHOTONS = 1 << 17
 FIRST_NODE_PHOTONS = 160
 MOST_FIRST_PHOTONS = 3 << 17
@@ -23,8 +23,7 @@ SMALL_PAIRS = 2
 # time too, and most nodes are not split yet.
 ROUND_GROWTH, EARLY_GROWTH = 0.7, 2.0
 EARLY_PHOTONS = 1 << 20
-# Least photons of the first and the second round, within the bake's limit: without a guide, first_photons can trace them before there are
-# trees.
+# Least photons of the first and the second round, within the bake's limit: first_photons traces them before there are trees.
 AHEAD_PHOTONS = FIRST_ROUND_PHOTONS, int(EARLY_GROWTH * FIRST_ROUND_PHOTONS)
 # If the requested error needs fewer than NEAR_TIMES the photons so far, a round adds as many as it needs, up to NEAR_GROWTH times. Few
 # nodes will be split then, and fewer rounds take less evaluation; the loss at late nodes shows only in bakes of many more photons.
@@ -78,7 +77,7 @@ def next_photons(
 
 
 def count_ahead(round_: int, by_rays: bool) -> int:
-    """Photons of a round that can be traced ahead. Without direct light by rays the second round has a guide and cannot be."""
+    """Photons of a round that are traced ahead: of the first, and where direct light comes by rays of the second too."""
     return AHEAD_PHOTONS[round_] if round_ < (len(AHEAD_PHOTONS) if by_rays else 1) else 0
 
 

@@ -43,7 +43,6 @@ MECHANISMS = {
     # photons
     "coincident_faces": "hits on faces that lie in one place are shared out among them",
     "splitting": "8 photons go together to the first surface and part there",
-    "emission_guide": "photons leave lamps more often where they reduce the error more (--direct photons)",
     "photons_ahead": "photons of the first rounds are traced while charts are made",
     "rays_ahead": "some shadow rays are sent before the first photons are read",
     "late_shards": "the last shards of a large round are traced while it is read",
@@ -53,7 +52,7 @@ MECHANISMS = {
     "slender_cutting": "slender emitting triangles are cut across",
 }
 # Mechanisms that a setting switches, and the setting.
-_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact", "emission_guide": "guided"}
+_OF_SETTINGS = {"grain_filter": "denoise", "seams": "seams", "contacts": "contact"}
 
 
 def list_without() -> tuple[str, ...]:

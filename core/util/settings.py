@@ -135,7 +135,6 @@ class Settings:
     basis: str = _knob("linear", "functions in each leaf", choices=BASES)
     oracle: str = _knob("significance", "rule that splits a leaf", choices=ORACLES)
     hierarchical: bool = _knob(True, "adaptive leaves; off is a fixed mesh at the finest level, for comparison", off_flag="--flat")
-    guided: bool = _knob(True, "send more photons where they take more off the error; off sends all alike", off_flag="--no-guiding")
     threshold: float = _knob(0.1, "oracle paper: relative difference to the preview above which a leaf is split", low=0.0, high=10.0)
     stability: int = _knob(8, "photons a node must have been shot to be stable", unit="photons", low=1, high=10**6)
     preview_depth: int = _knob(2, "levels between the current and the preview nodes", unit="levels", low=1, high=3)

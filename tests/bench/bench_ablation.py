@@ -25,8 +25,8 @@ from tables import Table, fill_page
 from zoo_bakes import Bake, bake_leaflight
 from zoo_reference import PageReference, Subject, find_reference
 
-# Without effect in the bakes that are made here: pages are smaller, and direct light comes by rays.
-IDLE = ("quads", "emission_guide")
+# Without effect in the bakes that are made here, for pages are smaller.
+IDLE = ("quads",)
 
 
 @dataclasses.dataclass(frozen=True)

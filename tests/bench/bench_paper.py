@@ -75,7 +75,7 @@ def measure_paper(folder: Path, room: SceneSnapshot, square: SceneSnapshot, effo
     reference = paper_tables.make_reference(stage, effort.figure_3)
     curves, room_bakes = paper_tables.trace_curves(stage, reference, effort.curve)
     tell("figure 3", paper_tables.table_curves(curves))
-    needs = paper_tables.read_needs(paper_tables.list_plain(curves))
+    needs = paper_tables.read_needs(curves)
     tell("leaves for the same error", paper_tables.table_needs(needs))
     truth = paper_tables.make_reference(stage, effort.figure_3, paper_tables.TRUTH_SEED, paper_tables.TRUTH_RUNS)
     tell("where the error comes from", paper_split.table_split(paper_split.measure_split(stage, truth, reference, effort.figure_3)))

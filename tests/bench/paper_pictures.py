@@ -73,9 +73,7 @@ def draw_curves(curves: dict[str, list[Point]], path: Path) -> None:
     colours = {"flat": "0.45", "constant": "#c0504d", "linear": "#3465a4", "quadratic": "#4e9a06"}
     for axis, of in zip(axes, ("photons", "leaves"), strict=True):
         for name, points in curves.items():
-            basis, guided, _ = name.partition(",")
-            line = "o--" if guided else "o-"
-            axis.loglog([getattr(p, of) for p in points], [p.rel for p in points], line, ms=4, color=colours[basis], label=name)
+            axis.loglog([getattr(p, of) for p in points], [p.rel for p in points], "o-", ms=4, color=colours[name], label=name)
         axis.set_xlabel(of)
         axis.grid(True, which="both", lw=0.3)
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

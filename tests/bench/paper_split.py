@@ -131,11 +131,11 @@ def drop_slopes(tree: Quadtree) -> Quadtree:
 
 
 def measure_split(stage: Stage, truth: Reference, judge: Reference, photons: float) -> list[Split]:
-    """How the default basis does with photons that are sent evenly, and how it would with what it cannot know.
+    """How the default basis does, and how it would with what it cannot know.
 
     truth   what the best leaves are chosen by;  judge   independent of it, what all are held against
     """
-    baked, flat = stage.bake(photons, guided=False), stage.bake(photons, **FIXED_MESH)
+    baked, flat = stage.bake(photons), stage.bake(photons, **FIXED_MESH)
     n_texel, tree = len(stage.texels.texel_area), baked.light.tree
     rows = [
         split_error("fixed mesh", judge, stage, flat.light.tree, flat.leaf, flat.values()),
@@ -143,7 +143,7 @@ def measure_split(stage: Stage, truth: Reference, judge: Reference, photons: flo
         split_error("slopes not shrunk", judge, stage, tree, baked.leaf, baked.values(baked.leaf)),
     ]
     whole = plant_whole(stage, tree.degree)
-    totals = count_whole(whole, stage.bake(photons, hierarchical=False, guided=False))
+    totals = count_whole(whole, stage.bake(photons, hierarchical=False))
     solution = tally.solve_tallies(whole, totals)
     rule = refine.Rule(DEFAULTS.oracle, DEFAULTS.threshold, DEFAULTS.stability, 1)
     chosen = refine.choose_leaves(whole, refine.Comparison.of(whole, totals, solution, rule))

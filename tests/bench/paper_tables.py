@@ -1,7 +1,7 @@
 """The numbers of docs/paper.md: tables of bakes with one knob turned, against a long run of the same photons on the fixed mesh."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,9 +18,8 @@ PHOTONS_IN_A_NODE = 16  # on the fixed mesh, for a variance to be worth comparin
 LAMP_W, LAMP_M, LAMP_HEIGHT_M, SHEET_EDGE_M = 40.0, 0.3, 2.0, 0.5  # of figure2_square.blend
 PAPER_OVERHEAD = 1 / (1 - 1 / 4)  # [Tobler97]: what late nodes may lose
 DEFAULTS = Settings()
-GUIDED, FLAT_GUIDED = f"{DEFAULTS.basis}, guided", "flat, guided"
 T = TypeVar("T")
-FIXED_MESH: dict[str, object] = {"hierarchical": False, "basis": "constant", "guided": False}
+FIXED_MESH: dict[str, object] = {"hierarchical": False, "basis": "constant"}
 
 
 def percent(value: float) -> str:
@@ -74,7 +73,7 @@ def bake_square(stage: Stage, arriving: float) -> tuple[list[SquareRow], dict[st
         for oracle, stability in (
             (("significance", DEFAULTS.stability), ("paper", 256)) if basis == "constant" else (("significance", DEFAULTS.stability),)
         ):
-            bake = stage.bake(photons, basis=basis, oracle=oracle, stability=stability, guided=False)
+            bake = stage.bake(photons, basis=basis, oracle=oracle, stability=stability)
             leaf = None if oracle == "significance" else bake.leaf_of(bake.show_stable(stability))
             off = bake.values(leaf)[:, 0] - truth
             rmse = float(np.sqrt((off**2).mean()) / truth.mean())
@@ -114,24 +113,14 @@ class Point:
     rays: int
 
 
-def list_plain(curves: Mapping[str, T]) -> dict[str, T]:
-    """Those of the fixed mesh and of each basis, whose photons are sent evenly as in the paper."""
-    return {name: curves[name] for name in ("flat", *BASES)}
-
-
 def measure_bake(bake: Bake, reference: Reference) -> Point:
     errors = reference.measure(bake.values())
     return Point(bake.light.photons, len(bake.light.leaves), errors.rel, errors.nrmse, bake.light.ledger.rays)
 
 
 def trace_curves(stage: Stage, reference: Reference, photons: Sequence[float]) -> tuple[dict[str, list[Point]], dict[str, Bake]]:
-    """Errors over photons of the fixed mesh and of each basis, and with guided photons of both; and the bakes with the most of them."""
-    kinds: dict[str, dict[str, object]] = {
-        "flat": FIXED_MESH,
-        **{name: {"basis": name, "guided": False} for name in BASES},
-        FLAT_GUIDED: {**FIXED_MESH, "guided": True},
-        GUIDED: {"basis": DEFAULTS.basis},
-    }
+    """Errors over photons of the fixed mesh and of each basis, and the bakes with the most of them."""
+    kinds: dict[str, dict[str, object]] = {"flat": FIXED_MESH, **{name: {"basis": name} for name in BASES}}
     curves, last = {}, {}
     for name, knobs in kinds.items():
         bakes = [stage.bake(count, **knobs) for count in photons]
@@ -191,10 +180,10 @@ class Overhead:
 
 
 def measure_overhead(stage: Stage, reference: Reference, photons: float) -> Overhead:
-    """From bakes of several seeds, whose photons are all alike."""
+    """From bakes of several seeds."""
     value, received, shown = [], [], []
     for seed in range(1, SEEDS + 1):
-        bake = stage.bake(photons, basis="constant", guided=False, seed=seed)
+        bake = stage.bake(photons, basis="constant", seed=seed)
         tree = bake.light.tree
         node = bake.leaf_of(np.flatnonzero(~tree.has_children))
         finest = (tree.side[node] == stage.settings.finest_texels) & (tree.parent[node] >= 0)
@@ -246,10 +235,10 @@ class Swept:
 
 
 def sweep(stage: Stage, reference: Reference, photons: float, choices: Sequence[Choice]) -> list[Swept]:
-    """One bake for each choice of knobs, its photons sent evenly but where it says otherwise."""
+    """One bake for each choice of knobs."""
     swept = []
     for choice in choices:
-        bake = stage.bake(photons, **{"guided": False, **choice.knobs})
+        bake = stage.bake(photons, **choice.knobs)
         leaf = bake.leaf_of(bake.show_stable(int(choice.knobs["stability"]))) if choice.printed else None
         values = bake.values(leaf)
         errors = [reference.measure(values, texels) for texels in (None, stage.contact)]
@@ -278,8 +267,6 @@ KNOBS = [
         f"**the defaults**: {DEFAULTS.basis}, {DEFAULTS.oracle}, stability {DEFAULTS.stability}, preview depth {DEFAULTS.preview_depth}", {}
     ),
     Choice("the same, seed 2", {"seed": 2}),
-    Choice("guided photons", {"guided": True}),
-    Choice("guided photons, stability 4", {"guided": True, "stability": 4}),
     *[Choice(f"stability {value}", {"stability": value}) for value in (1, 2, 4, 8, 16, 64)],
     *[Choice(f"preview depth {value}", {"preview_depth": value}) for value in (1, 3)],
     *[Choice(f"oracle paper, stability {value}", {"oracle": "paper", "stability": value}) for value in (DEFAULTS.stability, 64)],

@@ -375,7 +375,6 @@ def test_artists_find_no_settings_of_the_paper_elsewhere():
         "preview_depth",
         "min_level",
         "hierarchical",
-        "guided",
         "finest_texels",
     }
     assert {"error_of", "max_photons_text", "time_limit_text", "denoise", "seams", "seed", "workers_text"} <= shown

@@ -39,7 +39,7 @@ def bake_without(folder, monkeypatch, *names, settings=QUICK, scene=None):
 
 def test_each_mechanism_is_asked_for_by_a_name_that_is_listed():
     asked = {name for path in CORE.rglob("*.py") for name in re.findall(r'uses\("(\w+)"\)', path.read_text(encoding="utf-8"))}
-    of_settings = {"grain_filter", "seams", "contacts", "emission_guide"}
+    of_settings = {"grain_filter", "seams", "contacts"}
     assert asked | of_settings == set(ablation.MECHANISMS)
     with pytest.raises(KeyError):
         ablation.uses("magic")
@@ -58,8 +58,8 @@ def test_unknown_names_are_refused_with_those_that_are_known(tmp_path, monkeypat
 
 
 def test_settings_follow_the_mechanisms_that_they_switch(monkeypatch):
-    monkeypatch.setenv(ablation.VARIABLE, "grain_filter,emission_guide")
-    assert ablation.trim_settings(QUICK) == replace(QUICK, denoise=False, guided=False)
+    monkeypatch.setenv(ablation.VARIABLE, "grain_filter,seams")
+    assert ablation.trim_settings(QUICK) == replace(QUICK, denoise=False, seams=False)
     monkeypatch.delenv(ablation.VARIABLE)
     assert ablation.trim_settings(QUICK) == QUICK
 

@@ -8,7 +8,6 @@ from leaflight.core.lights.emitters import JoinedEmitters
 from leaflight.core.lights.lights import make_photons
 from leaflight.core.scene.rays import RayScene
 from leaflight.core.transport.emission import BATCH, Photons, emit_photons, light_every_surface, soften
-from leaflight.core.transport.emission_cells import BINS, SLICES, BirthCells, find_slice
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ LAMPS = Down(np.array([1.0, 2.0, 3.0])), Down(np.full(3, 6.0), casts_shadow=Fals
 
 def bear(n, share=1.0, lamps=LAMPS):
     shares = np.array([lamp.power_rgb.mean() for lamp in lamps])
-    return list(emit_photons(JoinedEmitters.of(lamps), BirthCells.whole(shares / shares.sum()), n, share, np.random.default_rng(1)))
+    return list(emit_photons(JoinedEmitters.of(lamps), shares / shares.sum(), n, share, np.random.default_rng(1)))
 
 
 def test_photons_come_in_batches_and_carry_the_power_between_them():
@@ -47,38 +46,7 @@ def test_each_lamp_has_its_share_and_its_mark():
 
 def test_no_photons_of_no_light():
     assert bear(0) == []
-    assert list(emit_photons(JoinedEmitters.of(LAMPS), BirthCells.whole(np.zeros(2)), 10, 1.0, np.random.default_rng(1))) == []
-
-
-def test_photons_of_cells_carry_their_light_between_them():
-    """Of a lamp whose upper half of the second number has four fifths of its photons: as much light from either half, and its bins."""
-    cells = BirthCells(
-        np.int32([0, 0, 1]),
-        np.float32([[0, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 0, 0]]),
-        np.float32([[1, 0.5, 1, 1], [1, 0.5, 1, 1], [1, 1, 1, 1]]),
-        np.array([0.125, 0.125, 0.75]),
-        np.array([0.1, 0.4, 0.5]),
-    )
-    asked = []
-
-    class Asked(Down):
-        def emit(self, u):
-            asked.append(u)
-            return super().emit(u)
-
-    lamps = Asked(LAMPS[0].power_rgb), LAMPS[1]
-    batches = list(emit_photons(JoinedEmitters.of(lamps), cells, BATCH + 8000, 1.0, np.random.default_rng(1), with_bins=True))
-    group = np.concatenate([photons.group for photons, _ in batches])
-    flux = np.concatenate([photons.flux for photons, _ in batches], axis=1).astype(float)
-    cell = group // BINS
-    np.testing.assert_allclose(np.bincount(cell) / len(cell), cells.share, atol=1e-4)
-    power = [np.bincount(cell, row) for row in flux]
-    np.testing.assert_allclose(power, [[0.5, 0.5, 6], [1, 1, 6], [1.5, 1.5, 6]], rtol=1e-3)
-    numbers = np.concatenate(asked)
-    own = group[cell < 2]
-    np.testing.assert_array_equal(numbers[:, 1] >= 0.5, own // BINS == 1)
-    np.testing.assert_array_equal(numbers[:, 1] % 0.5 // (0.5 / SLICES), find_slice(own, 1))
-    np.testing.assert_array_equal(numbers[:, 3] // (1 / SLICES), find_slice(own, 3))
+    assert list(emit_photons(JoinedEmitters.of(LAMPS), np.zeros(2), 10, 1.0, np.random.default_rng(1))) == []
 
 
 def sheets(*heights):
@@ -97,11 +65,11 @@ def way_down(n, soft=None):
 
 
 def test_one_photon_more_for_each_further_surface():
-    photons = replace(way_down(3), group=np.int32([5, 6, 7]))
+    photons = replace(way_down(3), link=np.int16([5, 6, 7]))
     heights = (0.3, 0.1, -0.2)
     traced = light_every_surface(photons, np.array([True, False, True]), *sheets(*heights))
     assert photons.flux.shape[1] == 3 + 2 * 2
-    assert photons.group.tolist() == [5, 6, 7, 5, 7, 5, 7]
+    assert photons.link.tolist() == [5, 6, 7, 5, 7, 5, 7]
     assert traced == 2 * 4
     found = sheets(*heights)[0].closest(photons.origin.T, photons.direction.T)
     assert found.tri.tolist() == [0, 0, 0, 1, 1, 2, 2]

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from leaflight.core.texels import error_metric
-from leaflight.core.texels.error_metric import DARK_FLOOR, ErrorMetric, Parts
+from leaflight.core.texels.error_metric import DARK_FLOOR, ErrorMetric
 from trees import make_map
 
 SIDE = 64  # texels
@@ -70,13 +70,3 @@ def test_each_object_is_judged_beside_its_own_brightness():
     assert parts.find_dark2(entries)[:, 0] == pytest.approx(parts.dark2)
     whole = ErrorMetric.of("bake", texels, tri_object).part(light, dark=0.2)
     assert whole.find_dark2(entries) == pytest.approx([0.2**2])
-
-
-def test_parts_that_err_more_weigh_more_and_large_ones_no_more_than_small_ones():
-    """So much more that what errs half as much hardly counts; and within bounds."""
-    sizes = [1, 4, 1, 1]
-    parts = Parts([np.arange(1)] * 4, np.ones(4, np.float32), np.repeat(np.arange(4), sizes).astype(np.int32))
-    weight = parts.weigh(np.array([0.1, 0.1, 0.05, 10.0]), wanted=0.1) * np.array(sizes)
-    assert weight == pytest.approx([1.0, 1.0, 1 / 16, 1e4])
-    assert parts.weigh(np.array([0.1, 0.1, 1e-9, np.nan]), wanted=0.1)[2:] == pytest.approx([1e-4, 1e-4])
-    assert Parts.whole(3, 1.0).weigh(np.array([0.3]), wanted=0.1).tolist() == [1.0]

@@ -9,7 +9,6 @@ from leaflight.core.lights.lights import EmittedPhotons
 from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, TextureImage
 from leaflight.core.transport import photon_log, photons
-from leaflight.core.transport.emission_cells import BINS, BirthCells
 from leaflight.core.util import geometry, sampling
 from scenes import Mesh, box_mesh, make_scene
 
@@ -151,27 +150,6 @@ def test_photons_whose_first_hit_is_skipped_go_there_together_and_part():
     np.testing.assert_allclose(sent[1], sent[0], rtol=0.03)
     on_tri = [np.bincount(hits.tri[kept], minlength=12) for hits, kept in ((alone, later), (together, slice(None)))]
     np.testing.assert_allclose(on_tri[1], on_tri[0], rtol=0.08)
-
-
-def test_groups_own_what_comes_of_them_and_nothing_else(monkeypatch):
-    """Two rooms without ceilings, each with a wall that has no lightmap, in many small waves: what is born in one room stays there."""
-    monkeypatch.setattr(photons, "BATCH", 4096)
-    room = _cube()[:-2]
-    bare = np.tile(np.arange(len(room)) < 2, 2).astype(np.int32)
-    objects = (SceneObject("Room"), SceneObject("Bare", receives=False))
-    snapshot = _snapshot(
-        np.concatenate([room, room + np.array([3.0, 0.0, 0.0])]), (Material("White", (0.9,) * 3),), tri_object=bare, objects=objects
-    )
-    place_unit = geometry.UnitBox.from_points(snapshot.vertex_position).to_unit(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    scene = _build(snapshot, *(_white_lamp(place_unit=tuple(place)) for place in place_unit))
-    cells = BirthCells.whole(scene.emitter_share)
-    hits = _trace_whole(scene, N, 1.0, sampling.shard_rng(7, 0, 0), 1000, False, cells)
-    assert 0 < hits.counters.deposits < hits.groups.rays.sum()
-    lamp = hits.groups.place // BINS
-    assert len(lamp) == N
-    np.testing.assert_array_equal(lamp[hits.groups.owner], hits.tri // len(room))
-    share = np.bincount(lamp, hits.groups.rays) / hits.groups.rays.sum()
-    np.testing.assert_allclose(share, 0.5, atol=0.03)
 
 
 def test_audit_closes_with_escape_depth_limit_colours_and_softness():

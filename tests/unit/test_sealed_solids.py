@@ -108,7 +108,7 @@ def test_a_bake_is_the_same_with_far_fewer_rays(tmp_path, monkeypatch):
     materials = [Material("Wall", (0.5,) * 3), Material("Lamp", (0.95,) * 3, emission_rgb=(10.0,) * 3)]
     scene = make_scene([room_mesh(), moved(LAMP, (0.0, 0.1, 0.2))], (), materials)
     scene = replace(scene, tri_material=scene.tri_object)
-    settings = Settings(size=64, padding=1, workers=1, error=1e-3, max_photons=200_000, direct="photons", guided=False)
+    settings = Settings(size=64, padding=1, workers=1, error=1e-3, max_photons=200_000, direct="photons")
     sealed = solve_scene(tmp_path / "sealed", scene, settings)
     monkeypatch.setenv(ablation.VARIABLE, "sealed_solids")
     plain = solve_scene(tmp_path / "plain", scene, settings)
