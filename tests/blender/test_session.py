@@ -21,7 +21,7 @@ from leaflight.core.scene.snapshot import list_arrays, load_snapshot
 from leaflight.core.util.job import JOB_FILE, LAYOUT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 
-SETTINGS = Settings(size=32, max_photons=5000, workers=1)
+SETTINGS = Settings(size=32, error=0.5, max_photons=5000, workers=1)
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
 
-SETTINGS = Settings(size=32, padding=1, max_photons=20_000)
+SETTINGS = Settings(size=32, padding=1, error=0.5, max_photons=20_000)
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_a_bake_is_the_same_with_them(tmp_path, monkeypatch):
         folder.mkdir()
         save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
         workers_asked = 0 if name == "ahead" else 1
-        Job(Settings(size=32, padding=1, max_photons=20_000, workers=workers_asked), str(folder / "out"), "box").save(folder)
+        Job(Settings(size=32, padding=1, error=0.5, max_photons=20_000, workers=workers_asked), str(folder / "out"), "box").save(folder)
         bake.run_bake(folder, lambda message: None, lambda: False, opener)
         result = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
         files.append((np.fromfile(result["files"][0]["path"], np.uint8).tobytes(), result["photons"]))
