@@ -6,7 +6,7 @@ import pytest
 from zoo_plan import draw_plan
 from zoo_scene import describe
 
-SEEDS = 200
+SEEDS = 50
 
 
 @pytest.fixture(scope="module")
