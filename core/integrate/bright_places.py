@@ -70,6 +70,7 @@ def find_bright(scene: PlacedSurfaces, light: Float32, on_cells: Float32) -> Bri
     area, level = np.concatenate(areas), np.concatenate(levels)
     mean = np.average(level, weights=area * (level > 0)) if (level > 0).any() else 0.0  # the outsides of walls do not count
     entry, cell = (np.flatnonzero((level > _BRIGHT * mean) & uses("bright_places")) for level in levels)
+    entry = entry[~texels.borders.are_crossed(entry)]  # whose light is not that of their whole square
     weight = texels.bary_at(entry)
     of_cell, is_front, corners = cells.locate(cell)
     middle = corners.mean(axis=1)

@@ -42,8 +42,7 @@ def find_quads(texels: TexelMap, entry: IntArray, tiles: Tiles, crossed: NDArray
         return Quads.none()
     rows = as_slice(entry)
     alone = crossed | texels.is_part[rows]
-    if len(texels.borders.crossed):  # a quad's footprint covers its texels whole, and so reaches past the foot of an object within them
-        alone |= texels.borders.crossed[rows]
+    alone |= texels.borders.are_crossed(entry)  # a quad's footprint covers its texels whole, beyond the foot of what divides them
     return Quads.of(tiles, texels.texel_tri[rows], alone)
 
 

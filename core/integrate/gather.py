@@ -260,7 +260,8 @@ class _Gathering:
         """
         scene, known, rows, traced = self._scene, self._known, rays.rows, 0
         tri, u, v, distance = hit
-        entry = scene.texels.entry_of(tri, *scene.texels.hit_texel_xy(tri, u, v))
+        x, y = scene.texels.hit_texel_xy(tri, u, v)
+        entry = scene.texels.entry_of(tri, x, y)
         is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
         has_texel = scene.tri_mapped[tri] & (entry >= 0)
         if len(self._targets):
@@ -269,7 +270,7 @@ class _Gathering:
             point, normal = scene.receiving.place(tri, u, v), take_rows(scene.receiving.normal, tri)
             share = share * self._weigh(rays, ray, direction, np.where(is_straight, number, -1), point, normal)
         albedo, through = self._find_albedo(tri, u, v, direction)
-        place = rays.place[ray]
+        place, entry = rays.place[ray], scene.texels.owner_of(entry, x, y)
         for facing, seen in ((is_front, albedo), (~is_front, through)):
             if seen is None:
                 continue

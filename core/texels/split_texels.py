@@ -125,6 +125,10 @@ class TexelBorders:
         """(b,) bool: whether a part of the area is known to lie beyond a surface."""
         return np.isfinite(self.reach).any(axis=0) | (self.diagonal >= 0).any(axis=0)
 
+    def are_crossed(self, entry: IntArray) -> BoolArray:
+        """(m,) bool: whether entries (m,) are divided, or next to one that is."""
+        return self.crossed[entry] if len(self.crossed) else np.zeros(len(entry), bool)
+
     def see_beyond(self, entry: IntArray, side: float) -> BoolArray:
         """(m,) bool: whether the square of side `side`, texels, around the centre of entries (m,) reaches beyond a surface."""
         found = np.zeros(len(entry), bool)

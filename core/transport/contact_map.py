@@ -40,6 +40,7 @@ if TYPE_CHECKING:  # the search alone needs no charts
 
 LOOKING = Status("contacts", "Looking for contacts")
 _IN_TILE = interleave_bits(np.array([TILE_SIDE - 1, 0]), np.array([0, TILE_SIDE - 1]))  # bits of a key: column and row within a tile
+_NARROW = 0.02  # texels; what is narrower between two surfaces is the inaccuracy of one
 _LEAST_PIECE = 4  # texels; smaller ones, between books or blades of grass, would catch too few photons each for itself
 
 
@@ -208,8 +209,10 @@ def _join_patches(around: Surroundings, probes: Probes, say: Say) -> ContactMap:
     pair = np.concatenate([*joined, np.stack([open_ways.here, open_ways.other])], axis=1)
     log2 = int(texels.chart_log2.max(initial=0))
     whole, piece = part_in_squares(patches.key, patches.size, pair, np.stack([closed.here, closed.other]), log2)
-    closed = closed.both_ways()
-    reach = np.where(is_whole[closed.here] & is_whole[closed.other], probes.distance[closed.way, closed.here], np.float32(np.inf))
+    is_divided = is_whole[closed.here] & is_whole[closed.other]
+    is_divided[is_divided] = ~_leave_room(around, probes, closed.take(is_divided))
+    is_divided, closed = np.tile(is_divided, 2), closed.both_ways()
+    reach = np.where(is_divided, probes.distance[closed.way, closed.here], np.float32(np.inf))
     borders = TexelBorders.of(len(probes.touched), closed.way, probes.start[closed.here], probes.start[closed.other], reach)
 
     def find_beside(entry: Int64, step: tuple[int, int]) -> Int64:
@@ -218,6 +221,18 @@ def _join_patches(around: Surroundings, probes: Probes, say: Say) -> ContactMap:
 
     borders = borders.with_corners(*borders.find_corners(find_beside))
     return ContactMap(probes.touched, patches, piece, whole, borders)
+
+
+def _leave_room(around: Surroundings, probes: Probes, pairs: _Beside) -> BoolArray:
+    """(m,) bool: pairs of texels with two surfaces between them, and light on what lies between these, which is of neither texel's
+    neighbour: below the edge of something that hovers or leans, other than below a wall.
+    """
+    reach, beyond = probes.distance[pairs.way, pairs.here], 1 - probes.distance[pairs.back, pairs.other]
+    rows = np.flatnonzero(beyond - reach > _NARROW)
+    inside = around.are_inside(probes.start[pairs.here[rows]], pairs.way[rows], (reach + beyond)[rows] / 2)
+    room = np.zeros(len(pairs.here), bool)
+    room[rows[~inside]] = True
+    return room
 
 
 def _pair_up(patches: _Patches, say: Say) -> tuple[list[Int64], _Beside]:

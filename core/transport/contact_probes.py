@@ -14,6 +14,7 @@ from ..texels.split_texels import WAYS
 from ..texels.texel_map import TexelMap
 from ..texels.tiles import TILE_CORNERS, TILE_TEXELS, Tiles
 from ..util.arrays import BoolArray, Float32, Int64, IntArray
+from ..util.geometry import gather, offset_origin
 from ..util.progress import Say
 from .texel_frames import TexelFrames
 from .traced_scene import TracedScene
@@ -53,15 +54,16 @@ class Probes:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The scene in which contacts are searched: rays, places of the texels, and which triangles belong together."""
+    """The scene in which contacts are searched: rays, places of the texels, which triangles belong together, and their normals (3, n_tri)."""
 
     rays: RayScene
     frames: TexelFrames
     things: LooseParts
+    tri_normal: Float32
 
     @classmethod
     def of(cls, opened: TracedScene, texels: TexelMap) -> Surroundings:
-        return cls(opened.scene.rays, TexelFrames.of(opened, texels), LooseParts(opened.snapshot))
+        return cls(opened.scene.rays, TexelFrames.of(opened, texels), LooseParts(opened.snapshot), opened.scene.tri_normal)
 
     def probe(self, part: slice) -> Probes:
         """Search at a range of entries."""
@@ -115,6 +117,16 @@ class Surroundings:
         parted = met >= 0
         parted[parted] = self.things.are_apart(met[parted], frames.texels.texel_tri[one[parted]])
         return parted
+
+    def are_inside(self, entry: IntArray, way: IntArray, away: Float32) -> BoolArray:
+        """(m,) bool: whether the surface lies within a solid, as a floor does below a wall, at places away (m,) texels from the points of
+        entries (m,) towards `way` (m,) of WAYS: what is met above them is met from behind.
+        """
+        position, normal, size = self.frames.find_places(entry)
+        axes = self.frames.find_axes(entry)
+        step = np.concatenate([axes, -axes])[way, np.arange(len(entry))] * (away * size).astype(np.float32)[:, None]
+        tri = self.rays.closest(offset_origin(position + step, normal), normal).tri
+        return (tri >= 0) & ((gather(self.tri_normal, tri).T * normal).sum(axis=1) > 0)
 
     def find_ends(self, is_below: BoolArray, one: IntArray, other: IntArray) -> tuple[Float32, Float32]:
         """(m,) twice, texels: distance of the cover's edge from the points of entries one (m,) and other (m,).

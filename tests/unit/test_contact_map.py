@@ -153,6 +153,24 @@ def test_a_rug_much_thinner_than_a_texel_parts_the_floor(tmp_path, layer, low, h
     np.testing.assert_allclose(reach[is_known], expected[is_known], atol=1 / 16)
 
 
+@pytest.mark.parametrize("height", [0.002, 0.004])
+@pytest.mark.parametrize("turn", [0, 20, 45])
+def test_below_an_edge_that_hovers_a_texel_s_area_is_where_its_hits_go(tmp_path, height, turn):
+    """Light comes below the edge of a roof hung upside down, from where rays along the floor meet one of its faces or the other."""
+    vertex = np.array([[-0.2, -0.3, 0.3], [-0.2, 0.3, 0.3], [0, 0.3, 0], [0, -0.3, 0], [0.2, 0.3, 0.3], [0.2, -0.3, 0.3]])
+    spin = np.array(
+        [[np.cos(np.radians(turn)), -np.sin(np.radians(turn)), 0], [np.sin(np.radians(turn)), np.cos(np.radians(turn)), 0], [0, 0, 1]]
+    )
+    roof = Mesh("Roof", vertex @ spin.T + [0.5, 0.5, height], [[0, 1, 2, 3], [3, 2, 4, 5]])
+    texels, cut, _, scene = cut_floor(tmp_path, roof)
+    tri, u, v = make_hits(2_000_000)
+    x, y = cut.hit_texel_xy(tri, u, v)
+    hits = np.bincount(cut.owner_of(cut.entry_of(tri, x, y), x, y), minlength=len(cut))
+    expected = len(tri) * cut.texel_area / cut.texel_area.sum()
+    assert (np.abs(hits - expected) < 6 * np.sqrt(expected) + 3).all()
+    assert cut.texel_area.sum() == pytest.approx(texels.texel_area.sum(), rel=1e-6)
+
+
 def test_a_thing_covers_no_part_of_itself(tmp_path):
     """A floor with a lip of its own just above it."""
     vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0, 0.1 / SIDE], [0.5, 1, 0.1 / SIDE]])
