@@ -156,7 +156,7 @@ class Solver:
         if self._gathered_of < ledger.photons:
             every = np.arange(len(self.tracing.texels))
             return None if needs_photons and self.gathered else partial(self._gather, reading, every)
-        if stated.relative <= settings.error or needs_photons or stated.photons > settings.error:
+        if stated.relative <= settings.error or needs_photons or stated.photons > max(settings.error, stated.gathered):
             return None  # what was gathered is gathered anew after more photons
         chosen = choose_texels(settings.error, stated, ledger.rays, self.direct, self.gathered)
         if chosen is None:

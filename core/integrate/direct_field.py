@@ -30,7 +30,7 @@ from .reference_level import ReferenceLevel
 _BLOCK = 64  # successive texel entries, which are neighbours, that share their error below openings
 
 
-def _average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
+def average_in_blocks(rows: IntArray, values: FloatArray) -> NDArray[np.float64]:
     """(m,): for each texel entry of `rows` (m,), the mean of the values (m,) in its block."""
     block = rows // _BLOCK
     out: NDArray[np.float64] = (np.bincount(block, values) / np.maximum(np.bincount(block), 1))[block]
@@ -84,7 +84,7 @@ class DirectField:
         if not len(rows):
             return error2
         out = error2.copy()
-        out[rows] = _average_in_blocks(rows, error2[rows])
+        out[rows] = average_in_blocks(rows, error2[rows])
         return out
 
     def ask_for(self, error: float) -> None:

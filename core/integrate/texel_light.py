@@ -77,7 +77,7 @@ def light_at_texels(
             by_photons[0] += direct
             direct = by_photons[0]
         indirect = by_photons[-1] if indirect is None else indirect
-    return TexelLight(direct, np.maximum(indirect, np.float32(0.0)), None if noise is None else np.sqrt(noise), leaf)
+    return TexelLight(direct, np.maximum(indirect, np.float32(0.0)), None if noise is None else np.sqrt(np.maximum(noise, 0)), leaf)
 
 
 def glance_at(field: LightField, texels: TexelMap, entry: IntArray, rays_alone: bool = False) -> Float32:
