@@ -81,7 +81,7 @@ class GatheredField(DirectField):
         return True
 
     def share_error(self, error2: NDArray[np.float32]) -> NDArray[np.float32]:
-        """As of DirectField, in blocks everywhere: after the filter a texel's error is that of its neighbours, not of its own rays alone."""
+        """As of DirectField, in blocks everywhere: a filtered texel errs as its neighbours do, not as its own rays."""
         return average_in_blocks(np.arange(len(error2)), error2).astype(np.float32)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:

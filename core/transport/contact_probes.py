@@ -54,7 +54,7 @@ class Probes:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The scene in which contacts are searched: rays, places of the texels, which triangles belong together, and their normals (3, n_tri)."""
+    """The scene in which contacts are searched: rays, places of the texels, which triangles belong together, and normals (3, n_tri)."""
 
     rays: RayScene
     frames: TexelFrames

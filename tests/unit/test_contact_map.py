@@ -162,7 +162,7 @@ def test_below_an_edge_that_hovers_a_texel_s_area_is_where_its_hits_go(tmp_path,
         [[np.cos(np.radians(turn)), -np.sin(np.radians(turn)), 0], [np.sin(np.radians(turn)), np.cos(np.radians(turn)), 0], [0, 0, 1]]
     )
     roof = Mesh("Roof", vertex @ spin.T + [0.5, 0.5, height], [[0, 1, 2, 3], [3, 2, 4, 5]])
-    texels, cut, _, scene = cut_floor(tmp_path, roof)
+    texels, cut, _, _ = cut_floor(tmp_path, roof)
     tri, u, v = make_hits(2_000_000)
     x, y = cut.hit_texel_xy(tri, u, v)
     hits = np.bincount(cut.owner_of(cut.entry_of(tri, x, y), x, y), minlength=len(cut))
