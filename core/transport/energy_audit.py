@@ -36,10 +36,6 @@ class Ledger:
         emitted, left = self.energy_w["emitted"], self.energy_w["remainder"]
         return float(np.divide(left, emitted, out=np.zeros(len(left)), where=emitted > 0.0).max())
 
-    def photon_w(self) -> Float64:
-        """(3,), W: power of one photon at emission if all photons carried equal shares."""
-        return self.energy_w["emitted"] / max(self.photons, 1) ** 2
-
     def audit_w(self) -> dict[str, list[float]]:
         """The energy audit, W, by ENERGY_NAMES: emitted = absorbed + escaped + remainder."""
         return {name: (total / max(self.photons, 1)).tolist() for name, total in self.energy_w.items()}
