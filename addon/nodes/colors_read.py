@@ -305,6 +305,9 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
     panorama = reader.sky[0](reader, port) if reader.sky and node.type == "TEX_ENVIRONMENT" else None
     if panorama is not None:
         return panorama
+    if node.image and node.image.source == "MOVIE" and all(node.image.size):
+        reader.approximate(f"image {node.image.name} is a movie, a constant is used; choose a sequence of images in its place")
+        return Color(reader.missing_rgb)
     sequence = node.image is not None and node.image.source == "SEQUENCE"
     frame = find_frame(node.image_user, bpy.context.scene.frame_current) if sequence else 0
     pixels = reader.images.read(node.image, frame) if node.image else None
@@ -343,8 +346,6 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
 def _describe_missing(image: Any, frame: int) -> str:
     if image is None:
         return "an image texture has no image"
-    if image.source == "MOVIE":
-        return f"image {image.name} is a movie, a constant is used; choose a sequence of images in its place"
     which = f"frame {frame} of image {image.name}" if image.source == "SEQUENCE" else f"image {image.name}"
     return f"{which} is missing (File > External Data finds it), a constant is used"
 

@@ -21,6 +21,7 @@ _NOTHING = Color(BLACK)
 _LEAST = 1e-5
 _COLORS = ("albedo", "emission", "passing", "metal", "glass", "through")  # of a Surface
 _NO_SUBSURFACE = "light below the surface comes out where it went in"
+_EVEN_ROUGH = "its rough diffuse reflection is baked as alike in all directions"
 
 
 @dataclass(frozen=True)
@@ -320,6 +321,7 @@ def _roughen(reader: ColorReader, port: Port, color: Color, name: str) -> Color:
     roughness = reader.read_factor(port.sibling(name), 0.0)
     if max(roughness.mean) <= 0.0:
         return color
+    reader.note(_EVEN_ROUGH)
     return reader.derive(port, dim_rough, [color, roughness], "rough")
 
 

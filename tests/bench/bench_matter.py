@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from cycles_bake import bake_cycles, set_stage
 from file_scenes import SCENES as FILE_SCENES
+from image_scenes import SCENES as IMAGE_SCENES
 from leaflight.addon.read.object_settings import registered
 from leaflight.addon.show.scene_prints import print_scene
 from leaflight.addon.ui import cli
@@ -27,7 +28,7 @@ from matter_scenes import CAUSTICS, FLOOR, NOISY, PARTS, WITHOUT_CAUSTICS
 from matter_scenes import SCENES as MATTER_SCENES
 from ray_scenes import SCENES as RAY_SCENES
 
-SCENES = {**LIGHT_SCENES, **MATTER_SCENES, **RAY_SCENES, **FILE_SCENES}
+SCENES = {**LIGHT_SCENES, **MATTER_SCENES, **RAY_SCENES, **FILE_SCENES, **IMAGE_SCENES}
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, SHEET = ROOT / "docs" / "matter.md", ROOT / "docs" / "matter.png"
 KEPT = ROOT / "out" / "matter"
@@ -85,9 +86,11 @@ default, *Auto*, it is 1.444 there).
 In the row *glass ball, area lamp* Cycles' texels are means of 4 x 4, for Cycles 5.0 samples the inner quarter of a texel, and the focus is
 sharper than that.
 
-What misses its target: in rows of glass and of some metals, what mirrors and glass send straight on comes from photons. When these
-rows were baked the stated error did not contain their noise, so that the bakes ended after too few photons: their means are right, sharp
-caustics are blurred. It does now. Rough diffuse walls reflect alike in all directions, where Oren and Nayar's reflect more light back.
+What misses its target: rough diffuse walls (Oren and Nayar's) reflect alike in all directions, where rough matter sends more light back to
+where it came from. A lightmap holds how much light arrives, and not from where; a warning names the material. Toon and Hair shaders are
+baked as diffuse ones of their colour, and a warning names them, too.
+
+A missing image is named, and counts as the value behind its link; Cycles shows magenta. A movie shows the frame that is rendered.
 
 | scene | mean | nrmse | |
 | --- | --- | --- | --- |

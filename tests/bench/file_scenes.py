@@ -72,10 +72,13 @@ def _picture() -> Any:
     return _add_picture("Fields", _fields()[..., :3])
 
 
-def _save(kind: str, depth: str, alpha_mode: str = "STRAIGHT") -> Any:
-    """An image that was saved to a file, and packed."""
+def _save(kind: str, depth: str, alpha_mode: str = "STRAIGHT", dull: bool = False) -> Any:
+    """An image that was saved to a file, and packed; with `dull` of colours that any primaries have."""
     image = bpy.data.images.new("Saved", 32, 32, alpha=True, float_buffer=depth != "8")
-    image.pixels.foreach_set(_fields(True).astype(np.float32).ravel())
+    fields = _fields(True)
+    if dull:
+        fields[..., :3] = 0.2 + 0.3 * fields[..., :3]
+    image.pixels.foreach_set(fields.astype(np.float32).ravel())
     with tempfile.TemporaryDirectory() as folder:
         path = str(Path(folder) / f"Fields.{kind[-3:].lower()}")
         settings = bpy.context.scene.render.image_settings

@@ -308,3 +308,59 @@ def test_of_objects_that_only_cast_light_no_normals_are_read():
     shown = {m.normal_image >= 0 for m in result.snapshot.materials}
     assert shown == {True, False}
     assert not [text for _, text in result.warnings if "simplified" in text]
+
+
+def write_movie(folder, colors):
+    """A movie of frames of one colour each, (n, 3) of sRGB, without loss."""
+    names, side = [], 16
+    for number, rgb in enumerate(colors):
+        image = bpy.data.images.new("Frame", side, side)
+        image.pixels.foreach_set(np.tile(np.float32([*rgb, 1.0]), side * side))
+        names.append(f"frame{number}.png")
+        image.filepath_raw, image.file_format = str(folder / names[-1]), "PNG"
+        image.save()
+        bpy.data.images.remove(image)
+    scene = bpy.data.scenes.new("Movie")
+    strip = scene.sequence_editor_create().strips.new_image("Frames", str(folder / names[0]), 1, 1)
+    for name in names[1:]:
+        strip.elements.append(name)
+    scene.frame_start, scene.frame_end = 1, len(names)
+    scene.render.resolution_x = scene.render.resolution_y = side
+    scene.view_settings.view_transform = "Standard"
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):  # since Blender 5.0
+        settings.media_type = "VIDEO"
+    settings.file_format = "FFMPEG"
+    scene.render.ffmpeg.format, scene.render.ffmpeg.codec = "AVI", "HUFFYUV"
+    scene.render.filepath, scene.render.use_file_extension = str(folder / "movie.avi"), False
+    bpy.ops.render.render(animation=True, scene=scene.name)
+    bpy.data.scenes.remove(scene)
+    return folder / "movie.avi"
+
+
+def add_movie(path):
+    """A floor that shows a movie of three frames."""
+    floor = add_floor()
+    _, tree, shader = add_material(floor)
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = bpy.data.images.load(str(path))
+    node.image.source = "MOVIE"
+    node.image_user.frame_duration, node.image_user.use_auto_refresh = 3, True
+    tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+
+
+def test_a_movie_shows_the_scenes_frame(tmp_path):
+    rgb = np.array([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+    add_movie(write_movie(tmp_path, 0.8 * rgb))
+    for frame in (1, 2, 3):
+        bpy.context.scene.frame_set(frame)
+        result = export_scene(bpy.context)
+        assert not result.warnings
+        assert probe(result, "Floor", [(0.3, 0.4)])[0] == pytest.approx(0.6038 * rgb[frame - 1], abs=0.01)
+
+
+def test_without_cycles_a_movie_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(socket_bake, "_bake_emission", lambda *_: False)
+    add_movie(write_movie(tmp_path, np.ones((3, 3))))
+    result = export_scene(bpy.context)
+    assert any("image movie.avi is a movie, a constant is used" in text for _, text in result.warnings)
