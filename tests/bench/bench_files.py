@@ -49,15 +49,23 @@ def join_pages(subject: Subject, pages: dict[str, np.ndarray], reference: PageRe
 
 
 def compare_objects(subject: Subject, value: np.ndarray, reference: PageReference) -> list[ObjectMeans]:
-    """Of light (n, 3) at the reference's texels; those whose mean is off the most first."""
-    found, every = [], float((reference.first + reference.second).mean(dtype=np.float64)) / 2
+    """Of light (n, 3) at the reference's texels, which count by how opaque they are; those whose mean is off the most first."""
+    found, every = [], sum(sum_light(reference, seed) for seed in _seeds(reference)) / (6 * float(reference.opaque.sum()))
     for index, name in enumerate(subject.objects):
         own = reference.owner == index
-        ours, first, second = (float(light[own].mean(dtype=np.float64)) if own.any() else 0.0 for light in (value, *_seeds(reference)))
+        seen = reference.opaque[own] if own.any() else np.ones(1)  # what is see-through shows little of its light
+        ours, first, second = (
+            float(np.average(light[own].mean(axis=1), weights=seen)) if own.any() else 0.0 for light in (value, *_seeds(reference))
+        )
         mean = (first + second) / 2
         if own.sum() >= _LEAST_TEXELS and mean > _LEAST_LIGHT * every:
             found.append(ObjectMeans(name, int(own.sum()), ours / mean - 1, abs(first - second) / (2 * mean)))
     return sorted(found, key=lambda one: -abs(one.off))
+
+
+def sum_light(reference: PageReference, light: np.ndarray) -> float:
+    """Of light (n, 3) at the reference's texels, by how opaque they are."""
+    return float(reference.opaque @ light.sum(axis=1, dtype=np.float64))
 
 
 def _seeds(reference: PageReference) -> tuple[np.ndarray, np.ndarray]:
@@ -153,10 +161,10 @@ def main() -> int:
             continue
         subject = find_file(blend, options.cache, options.size)
         pages = bake_leaflight(subject, "--error", options.error, "--time-limit", options.time_limit).pages
-        reference = find_reference(subject, "", options.size, options.reference_seconds, 0.005)
+        reference = find_reference(subject, "", options.size, options.reference_seconds, 0.005, needs_opaque=True)
         value = join_pages(subject, pages, reference)
         objects = compare_objects(subject, value, reference)
-        whole = 2 * value.sum(dtype=float) / sum(seed.sum(dtype=float) for seed in _seeds(reference)) - 1
+        whole = 2 * sum_light(reference, value) / sum(sum_light(reference, seed) for seed in _seeds(reference)) - 1
         rows[subject.name] = whole, objects
         for one in objects:
             print(f"{subject.name}: {one.name}: {one.off:+.1%} +- {one.noise:.1%}, {one.texels} texels", flush=True)

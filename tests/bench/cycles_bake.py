@@ -8,7 +8,7 @@ the texel.
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,7 @@ BOUNCES = 128
 TARGET = "Cycles target"
 UV_LAYER = "Leaflight"
 SEEDS_APART = 100
+LIGHTING = frozenset({"DIRECT", "INDIRECT"})
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,8 @@ def make_target(side: int) -> bpy.types.Image:
     return image
 
 
-def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, float]:
-    """Lighting of all objects, and the seconds that Blender's bake took.
+def bake_cycles(stage: Stage, samples: int, seed: int, parts: Set[str] = LIGHTING) -> tuple[np.ndarray, float]:
+    """Lighting of all objects, or other parts of the DIFFUSE bake, and the seconds that Blender's bake took.
 
     out   (size, size, 4) float32, row 0 at the bottom; alpha is 0 where nothing was baked
     """
@@ -110,15 +111,17 @@ def bake_cycles(stage: Stage, samples: int, seed: int) -> tuple[np.ndarray, floa
     size = stage.image.size[0]
     stage.image.pixels.foreach_set(np.zeros(size * size * 4, np.float32))
     begin = time.perf_counter()
-    bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, margin=0, use_clear=False, target="IMAGE_TEXTURES")
+    bpy.ops.object.bake(type="DIFFUSE", pass_filter=set(parts), margin=0, use_clear=False, target="IMAGE_TEXTURES")
     seconds = time.perf_counter() - begin
     pixels = np.empty(size * size * 4, np.float32)
     stage.image.pixels.foreach_get(pixels)
     return pixels.reshape(size, size, 4), seconds
 
 
-def bake_windows(stage: Stage, corners: Sequence[tuple[int, int]], samples: int, seed: int) -> tuple[np.ndarray, float]:
-    """Lighting of all objects where windows of the stage's size show it, and the seconds that Blender's bakes took.
+def bake_windows(
+    stage: Stage, corners: Sequence[tuple[int, int]], samples: int, seed: int, parts: Set[str] = LIGHTING
+) -> tuple[np.ndarray, float]:
+    """Lighting of all objects, or other parts, where windows of the stage's size show it, and the seconds that Blender's bakes took.
 
     corners   left and low ends of the windows, texels
     out       (page_size, page_size, 4) float32, row 0 at the bottom; alpha is 0 where nothing was baked
@@ -129,7 +132,7 @@ def bake_windows(stage: Stage, corners: Sequence[tuple[int, int]], samples: int,
             shown = (page_uv * stage.page_size - (left, low)) / side
             mesh.uv_layers[stage.uv_layer].uv.foreach_set("vector", shown.astype(np.float32).ravel())
         # Windows of one seed would have the same noise.
-        page[low : low + side, left : left + side], of_window = bake_cycles(stage, samples, seed + SEEDS_APART * number)
+        page[low : low + side, left : left + side], of_window = bake_cycles(stage, samples, seed + SEEDS_APART * number, parts)
         seconds += of_window
     return page, seconds
 

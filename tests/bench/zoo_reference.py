@@ -30,6 +30,7 @@ NO_OWNER = -1
 # Windows along either side of a page, of scenes with fewer triangles: Blender sends the whole scene to Cycles for each.
 _WINDOWS = ((10_000, 8), (80_000, 4), (math.inf, 2))
 _FIRST_SAMPLES = 32
+_LEAST_COLOR = 1e-4  # of what reflects diffusely
 _SEEDS_APART = 100_000  # of batches; windows within one are 100 apart
 
 
@@ -77,6 +78,8 @@ class PageReference:
     owner           (n,) int16, index of the object of each covered texel in Subject.objects
     samples         of each seed
     seconds         of both, and of all processors together
+    opaque          (n,) float32, share of each covered texel's samples that met its surface and did not go on through it; None in files
+                    of old, in which all texels count alike
     """
 
     covered: np.ndarray
@@ -85,12 +88,14 @@ class PageReference:
     owner: np.ndarray
     samples: int
     seconds: float
+    opaque: np.ndarray | None = None
 
     @classmethod
     def load(cls, path: Path) -> PageReference:
         """Raises OSError where there is none."""
         with np.load(path) as file:
-            return cls(*(file[key] for key in ("covered", "first", "second", "owner")), int(file["samples"]), float(file["seconds"]))
+            arrays = (file[key] for key in ("covered", "first", "second", "owner"))
+            return cls(*arrays, int(file["samples"]), float(file["seconds"]), file.get("opaque"))
 
     @property
     def noise(self) -> float:
@@ -112,17 +117,18 @@ class PageReference:
         return measure_errors(value, self.first, self.second, noisy=True)
 
 
-def find_reference(subject: Subject, layout: str, side: int, seconds: float, noise: float) -> PageReference:
+def find_reference(subject: Subject, layout: str, side: int, seconds: float, noise: float, needs_opaque: bool = False) -> PageReference:
     """The reference of the cache, made or made better where it is not good enough.
 
     layout   of the UV layer that Leaflight makes: references of another one are void; "" where the scene has one
     side     of the windows that are baked of the page, texels; see spread_windows
     seconds  that a new one may take, of all processors together
+    needs_opaque   whether one without `opaque` is made anew
     """
     path = reference_path(subject, layout, side)
     if path.exists():
         found = PageReference.load(path)
-        if found.seconds >= 0.8 * seconds or found.noise <= noise:
+        if (found.seconds >= 0.8 * seconds or found.noise <= noise) and not (needs_opaque and found.opaque is None):
             return found
     command = [sys.executable, __file__, str(subject.folder), str(path), str(side), str(seconds), str(noise)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
@@ -170,25 +176,29 @@ def main(folder: Path, path: Path, side: int, limit_s: float, noise: float) -> N
         stage = set_stage(subject.blend, subject.size, Path(work), subject.objects, window, subject.uv_layer)
     owner = _find_owners(stage, [obj.name for obj in stage.objects]) if subject.uv_layer and len(stage.objects) > 1 else None
     stage = _join(stage)
-    means, done, samples, spent_s, batch = [0.0, 0.0], 0, _FIRST_SAMPLES, 0.0, 0
+    reflects = _find_diffuse(stage, corners)
+    # Light times opacity, and opacity: a batch of which no sample met the surface of a texel knows nothing about it.
+    sums, done, samples, spent_s, batch = [np.zeros((subject.size, subject.size, 4)) for _ in range(2)], 0, _FIRST_SAMPLES, 0.0, 0
     while samples:
         begin = time.process_time()
         for index, seed in enumerate((1, 2)):
             page, _ = bake_windows(stage, corners, samples, seed + _SEEDS_APART * batch)
-            means[index] += (page.astype(np.float64) - means[index]) * (samples / (done + samples))
+            opaque = page[..., 3:].astype(np.float64)
+            sums[index] += samples * np.concatenate([page[..., :3] * opaque, opaque], axis=2)
         done, batch = done + samples, batch + 1
         last_s = time.process_time() - begin
         spent_s += last_s
-        covered = (means[0][..., 3] > 0.0) & (means[1][..., 3] > 0.0)
+        covered = (sums[0][..., 3] > 0.0) & (sums[1][..., 3] > 0.0) & reflects
         if owner is not None:
             covered &= owner != NO_OWNER
-        first, second = (mean[covered][:, :3].astype(np.float32) for mean in means)
+        first, second = ((total[covered][:, :3] / total[covered][:, 3:]).astype(np.float32) for total in sums)
         if batch > 1 and reference_noise(first, second) <= noise:
             break
         samples = next_samples(samples, spent_s, last_s, limit_s)
     of_texel = np.zeros(int(covered.sum()), np.int16) if owner is None else owner[covered]
+    opaque = ((sums[0] + sums[1])[covered][:, 3] / (2 * done)).astype(np.float32)
     temporary = path.with_suffix(".part.npz")
-    np.savez(temporary, covered=covered, first=first, second=second, owner=of_texel, samples=done, seconds=spent_s)
+    np.savez(temporary, covered=covered, first=first, second=second, owner=of_texel, samples=done, seconds=spent_s, opaque=opaque)
     temporary.replace(path)
     print(
         f"reference of {subject.name}: {done} samples, {spent_s:.0f} s, {covered.sum()} texels, noise {reference_noise(first, second):.2%}",
@@ -209,6 +219,14 @@ def _join(stage):
     joined = bpy.context.view_layer.objects.active
     aim_at(joined, stage.image, stage.uv_layer)  # another layer may be active now
     return replace(stage, objects=[joined], page_uv={joined.data: read_uv(joined.data, stage.uv_layer)})
+
+
+def _find_diffuse(stage, corners: list[tuple[int, int]]) -> np.ndarray:
+    """(size, size) bool: where a surface reflects diffusely, as metal does not; of other texels Cycles' bake has no light."""
+    from cycles_bake import bake_windows
+
+    color, _ = bake_windows(stage, corners, _FIRST_SAMPLES, 1, {"COLOR"})
+    return color[..., :3].max(axis=2) > _LEAST_COLOR
 
 
 def _find_owners(stage, names: list[str]) -> np.ndarray:
