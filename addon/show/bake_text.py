@@ -11,6 +11,8 @@ from .bake_pace import Pace
 _REASONS = {"max_photons": ", stopped at Max Photons", "time_limit": ", stopped at Time Limit"}
 
 _MATTERS = 0.005  # more error than the whole's, for an object to be named
+_NEARLY_BLACK = 0.1  # share of the bake's mean light; below it the stated error of the whole counts less too (docs/units.md)
+_FEW_TEXELS = 256  # with fewer, an object's error is known roughly, and more texels help it more than less noise
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,12 @@ def describe_error(result: dict[str, Any]) -> list[str]:
     """Lines about the error of a bake, and of the object that errs most beside its own brightness where that is more."""
     error = f"Error {100.0 * result['estimated_error']:.1f} %"
     worst = _find_worst(result)
-    if result["error_of"] == "objects":
-        return [f"{error}, of the worst object", *([f"Worst object: {worst['name']}"] if worst else [])]
-    return [error, *([f"Worst object: {worst['name']}, {100.0 * worst['estimated_error']:.0f} %"] if worst else [])]
+    each = result["error_of"] == "objects"
+    first = f"{error}, of the worst object" if each else error
+    if not worst:
+        return [first]
+    of_it = "" if each else f", {100.0 * worst['estimated_error']:.0f} %"
+    return [first, f"Worst object: {worst['name']}{of_it}{_excuse(worst, result)}"]
 
 
 def find_worst(result: dict[str, Any]) -> str:
@@ -110,6 +115,27 @@ def find_worst(result: dict[str, Any]) -> str:
 
 
 def _find_worst(result: dict[str, Any]) -> dict[str, Any] | None:
+    """The object whose error is seen most; where each object has to have the error, that of the greatest error, which held up the bake."""
     known = [one for one in result["objects"] if one["estimated_error"] is not None]
-    worst = max(known, key=lambda one: one["estimated_error"], default=None)
-    return worst if worst and (result["error_of"] == "objects" or worst["estimated_error"] > result["estimated_error"] + _MATTERS) else None
+    if result["error_of"] == "objects":
+        return max(known, key=lambda one: float(one["estimated_error"]), default=None)
+
+    def find_seen(one: dict[str, Any]) -> float:
+        return float(one["estimated_error"]) * min(_find_brightness(one, result) / _NEARLY_BLACK, 1.0)
+
+    worst = max(known, key=find_seen, default=None)
+    return worst if worst and find_seen(worst) > result["estimated_error"] + _MATTERS else None
+
+
+def _excuse(one: dict[str, Any], result: dict[str, Any]) -> str:
+    """Why a great error of an object is no alarm, "" where it is one."""
+    if _find_brightness(one, result) < _NEARLY_BLACK:
+        return " (nearly black)"
+    return f" (only {one['texels']} texels)" if one["texels"] < _FEW_TEXELS else ""
+
+
+def _find_brightness(one: dict[str, Any], result: dict[str, Any]) -> float:
+    """An object's light, as a share of the mean over all texels."""
+    texels = sum(other["texels"] for other in result["objects"])
+    mean = sum(other["texels"] * other["lighting"] for other in result["objects"]) / max(texels, 1)
+    return float(one["lighting"] / mean) if mean > 0.0 else 1.0

@@ -20,6 +20,7 @@ from ..output import debug_passes, image_room, pages, report
 from ..parallel import executors, folders
 from ..scene.materials import SurfaceMaterials
 from ..scene.scene import SceneSnapshot
+from ..util.arrays import Float32
 from ..util.job import RESULT_FILE, Job
 from ..util.messages import Done, Message, Status, Warning_
 from ..util.progress import Interrupted
@@ -86,7 +87,8 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
     light, atlas, receivers, settings = found.light, found.atlas, found.receivers, found.settings
     run.warn(name_dark(snapshot, receivers.texels, light))
     with run.stage(_WRITING):
-        files, spare, seam_report = _write_pages(run, snapshot, found, loaded.surfaces, executor)
+        files, spare, seam_report, lighting = _write_pages(run, snapshot, found, loaded.surfaces, executor)
+    texel_object = receivers.facets.chart_object[receivers.texels.texel_chart]
     stateless = False
     if job.keep:  # after the images, so that a bake killed while it writes them leaves the earlier state as it was
         with run.stage(_KEEPING):
@@ -103,7 +105,7 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
         "error_of": settings.error_of,
         "page_size": atlas.page_size,
         "pages": atlas.page_count,
-        "objects": report.list_objects(snapshot, atlas, receivers.facets.chart_object[receivers.texels.texel_chart], light.object_error),
+        "objects": report.list_objects(snapshot, atlas, texel_object, light.object_error, lighting),
         "seams": dataclasses.asdict(seam_report),
         "skipped": count_skipped(needs, loaded.left_out, snapshot, receivers.facets, light, settings, loaded.charts.known),
     }
@@ -147,8 +149,11 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 
 def _write_pages(
     run: Run, snapshot: SceneSnapshot, found: FoundLight, surfaces: SurfaceMaterials, executor: Executor
-) -> tuple[list[pages.PageFile], str, seams.SeamReport]:
-    """Write the images: returns their files, the spare folder if the output folder failed, else "", and a report on seams."""
+) -> tuple[list[pages.PageFile], str, seams.SeamReport, Float32]:
+    """Write the images.
+
+    Returns their files, the spare folder if the output folder failed, else "", a report on seams, and Resolver.find_lighting().
+    """
     job, margin, atlas, texel_map = run.job, run.job.settings.margin, found.atlas, found.receivers.texels
     limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
     resolver, seam_report = resolve_light(found, snapshot, surfaces, job.settings, limited, spend=not job.keep)
@@ -169,4 +174,4 @@ def _write_pages(
     files, spare, sentence = image_room.write_somewhere(job, run.folder.parent, write)
     if sentence:
         run.tell(Warning_("", sentence))
-    return files, spare, seam_report
+    return files, spare, seam_report, resolver.find_lighting()

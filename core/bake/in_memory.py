@@ -75,7 +75,7 @@ def solve_scene(
             count = found.atlas.page_count
             pages = {name: np.stack([drawer.page(name, page) for page in range(count)]) for name, drawer in drawers.items()}
             chart_object = found.receivers.facets.chart_object[found.receivers.texels.texel_chart]
-            objects = report.list_objects(loaded.snapshot, found.atlas, chart_object, found.light.object_error)
+            objects = report.list_objects(loaded.snapshot, found.atlas, chart_object, found.light.object_error, resolver.find_lighting())
             with np.load(folder / LAYOUT_FILE) as layout:
                 tri_uv = layout["tri_uv"]
         finally:

@@ -100,7 +100,7 @@ _HEADER: dict[str, Any] = {
                 "linear": _is_one_of(""),
             }
         ],
-        "objects": [{"name": str, "texels": _is_count, "charts": _is_count, "estimated_error": _is_error}],
+        "objects": [{"name": str, "texels": _is_count, "charts": _is_count, "estimated_error": _is_error, "lighting": _is_number}],
         "seconds": dict,
         "skipped": dict,
         "spare": _is_one_of(""),

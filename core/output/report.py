@@ -9,17 +9,22 @@ from ..atlas.charts import ChartAtlas
 from ..integrate.light_field import LightField
 from ..scene.scene import SceneSnapshot
 from ..util.ablation import list_without
-from ..util.arrays import Int32
+from ..util.arrays import Float32, Int32
 
 
-def list_objects(snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: Int32, error: dict[int, float]) -> list[dict[str, Any]]:
+def list_objects(
+    snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: Int32, error: dict[int, float], lighting: Float32
+) -> list[dict[str, Any]]:
     """Report on each object that receives light.
 
     entry_object   (n,) int32: the object of each texel entry
     error          LightField.object_error
+    lighting       (n,) float32, W/m^2/sr: the pass `lighting` of each texel entry, mean of channels
     """
     texel_count = np.bincount(entry_object, minlength=len(snapshot.objects))
     chart_count = np.bincount(atlas.chart_object, minlength=len(snapshot.objects))
+    lit = np.bincount(entry_object, weights=lighting > 0.0, minlength=len(snapshot.objects))
+    total = np.bincount(entry_object, weights=lighting, minlength=len(snapshot.objects))
     return [
         {
             "name": one.name,
@@ -28,6 +33,7 @@ def list_objects(snapshot: SceneSnapshot, atlas: ChartAtlas, entry_object: Int32
             "share": float(texel_count[i] / max(texel_count.sum(), 1)),
             "charts": int(chart_count[i]),
             "estimated_error": error.get(i),
+            "lighting": float(total[i] / max(lit[i], 1.0)),
         }
         for i, one in enumerate(snapshot.objects)
         if one.receives

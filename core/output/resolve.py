@@ -70,6 +70,16 @@ class Resolver:
         add_margin(image[..., :3], filled, self._margin)
         return image
 
+    def find_lighting(self) -> Float32:
+        """(n,) float32, W/m^2/sr: the pass `lighting` of each texel entry, mean of channels."""
+        value = np.zeros(len(self._texels), np.float32)
+
+        def fill(part: slice) -> None:
+            value[part] = (self._light.direct[part] + self._light.indirect[part]).mean(axis=1) / np.float32(np.pi)
+
+        run_on_threads(fill, len(self._texels), self._threads)
+        return value
+
     def _pass_values(self, name: str, entry: IntArray) -> Float32:
         light, rows = self._light, as_slice(entry)
         if name in _LIGHT_PASSES:

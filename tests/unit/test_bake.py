@@ -179,6 +179,15 @@ def test_the_result_tells_the_error_of_each_object_and_whose_error_ended_the_bak
     assert result["estimated_error"] == pytest.approx(max(errors), rel=0.5)  # which holds against it by how much it may be off
 
 
+def test_the_result_tells_the_light_of_each_object_over_its_lit_texels(tmp_path):
+    _, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, size=64, atlas=False, passes=("lighting",)))
+    assert len(result["files"]) == len(result["objects"]) == 2
+    for file, row in zip(result["files"], result["objects"], strict=True):
+        pixels, _ = read_image(file["path"])
+        light = pixels[..., :3][pixels[..., 3] > 0.0].mean(axis=1)
+        assert row["lighting"] == pytest.approx(light[light > 0.0].mean(), rel=0.05)
+
+
 def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_path, patient):
     """One round of photons then carries what the shadow rays had not finished."""
     said, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, direct="rays"), should_stop=lambda: True)

@@ -13,7 +13,7 @@ RESULT = {
     "stopped_by": "error",
     "estimated_error": 0.048,
     "error_of": "bake",
-    "objects": [{"name": "Floor", "estimated_error": 0.04, "texels": 900}],
+    "objects": [{"name": "Floor", "estimated_error": 0.04, "texels": 900, "lighting": 1.0}],
     "seconds": {"photons": 3.0},
     "resumed": False,
     "leaves": 1234,
@@ -182,8 +182,10 @@ def test_result_tells_why_it_stopped():
 
 
 def test_what_is_said_of_a_bake_comes_back_from_the_file():
-    worst = [{"name": "Floor", "estimated_error": 0.04, "texels": 9}, {"name": "Chair 2", "estimated_error": 0.383, "texels": 9}]
-    worn = Worn.of_result(RESULT | {"objects": worst}, 9.0, "", [("A", "is too small")])
+    floor, chair = (
+        {"name": name, "estimated_error": error, "texels": 900, "lighting": 1.0} for name, error in (("Floor", 0.04), ("Chair 2", 0.383))
+    )
+    worn = Worn.of_result(RESULT | {"objects": [floor, chair]}, 9.0, "", [("A", "is too small")])
     assert worn.lines == ("Baked in 9 s", "Error 4.8 %", "Worst object: Chair 2, 38 %", "2 pages of 512 x 512 texels")
     assert worn.worst == "Chair 2"
     assert Worn.decode(worn.encode()) == worn

@@ -81,7 +81,12 @@ def test_a_bake_that_missed_its_error_says_so(stopped_by, error, asked, sentence
     assert describe_miss(stopped_by, error, asked) == sentence
 
 
-ROWS = [{"name": "Hall", "estimated_error": 0.01}, {"name": "Den", "estimated_error": 0.344}, {"name": "Pin", "estimated_error": None}]
+def row(name, error, texels=900, lighting=1.0):
+    return {"name": name, "estimated_error": error, "texels": texels, "lighting": lighting}
+
+
+ROWS = [row("Hall", 0.01), row("Den", 0.344), row("Pin", None)]
+CELLAR = row("Cellar", 1.05, lighting=0.005)
 
 
 @pytest.mark.parametrize(
@@ -92,6 +97,13 @@ ROWS = [{"name": "Hall", "estimated_error": 0.01}, {"name": "Den", "estimated_er
         (0.021, "bake", ROWS[2:], ["Error 2.1 %"]),
         (0.021, "objects", ROWS, ["Error 2.1 %, of the worst object", "Worst object: Den"]),
         (0.021, "objects", ROWS[2:], ["Error 2.1 %, of the worst object"]),
+        # An error of what is nearly black is seen less: a cellar with a hundredth of the mean light
+        (0.021, "bake", [*ROWS, CELLAR], ["Error 2.1 %", "Worst object: Den, 34 %"]),
+        (0.021, "bake", [ROWS[0], CELLAR], ["Error 2.1 %", "Worst object: Cellar, 105 % (nearly black)"]),
+        (0.11, "bake", [ROWS[0], CELLAR], ["Error 11.0 %"]),
+        (1.05, "objects", [*ROWS, CELLAR], ["Error 105.0 %, of the worst object", "Worst object: Cellar (nearly black)"]),
+        (0.021, "bake", [*ROWS, row("Nail", 0.5, texels=40)], ["Error 2.1 %", "Worst object: Nail, 50 % (only 40 texels)"]),
+        (0.021, "bake", [row("Hall", 0.3, lighting=0.0)], ["Error 2.1 %", "Worst object: Hall, 30 %"]),
     ],
 )
 def test_the_object_that_errs_most_is_named_where_it_errs_more_than_the_whole(error, error_of, rows, lines):
