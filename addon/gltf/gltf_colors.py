@@ -99,7 +99,7 @@ class GltfColors:
         place = _find_transform(mapping) if mapping is not None else None
         if mapping is None or place is None:
             if color.image >= 0:
-                why = "what colours it lies on no UV layer, so the .glb has its mean colour; bake the pass combined to see it"
+                why = "its colours do not follow a UV layer, so the .glb has their mean; bake the pass combined to keep them"
                 self.warnings.append((original.name, f"{original.name}: {why}."))
             socket.default_value = (*color.mean, 1.0)
             return

@@ -18,8 +18,8 @@ from .node_formulas import Array
 Formula: TypeAlias = Callable[..., Array]
 
 MIXED = "textures that are mapped in different ways meet, so one of them counts by its mean"
-AT_CORNERS = "what nodes make of its vertex colours is told at the corners of its faces"
-PAINTED = "what nodes make of its vertex colours is told by their mean"
+AT_CORNERS = "what nodes make of its vertex colours is baked from the corners of its faces"
+PAINTED = "what nodes make of its vertex colours is baked as their mean"
 COARSE = "nodes make so many textures that some of them are coarser"
 _BLOCK_TEXELS = 1 << 16  # at once, to bound memory
 _MOST_TEXELS = 1 << 27  # of all such images, 1.6 GB; one for each object, as an object's colour makes them, would know no bounds

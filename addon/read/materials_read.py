@@ -208,9 +208,9 @@ def _read_sides(reader: ColorReader, material: Any, front: Surface) -> _Sides:
     dark_back, dark_front = (max(each) <= 0.0 for each in glows)
     emission = back.emission if dark_front and not dark_back else front.emission
     if any(max(each) - min(each) > _ALIKE * max(each) for each in glows):
-        reader.note("it glows in some directions more than in others, and is baked as glowing alike in all")
+        reader.note("it glows more in some directions than in others, and is baked as glowing equally in all")
     if not (dark_back or dark_front) and abs(sum(back.emission.mean) - sum(front.emission.mean)) > _ALIKE * sum(back.emission.mean):
-        reader.note("its back glows in another way than its front, as which it is baked")
+        reader.note("its back glows in another way than its front, and both are baked as the front")
     sent, at_back = _find_sent(front), _find_sent(back)
     if any(there > 0.0 and here <= 0.0 for here, there in zip(sent, at_back, strict=True)):
         reader.note("its back reflects light of a colour that its front does not, and that is left out")

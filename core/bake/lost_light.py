@@ -24,6 +24,6 @@ def state_lost(light: LightField, settings: Settings) -> tuple[LightField, list[
         return light, []
     sentence = (
         f"{lost:.0%} of the light was still under way after {settings.max_depth:,} surfaces and is missing, for they reflect nearly all; "
-        "give the whitest materials a darker Base Color, as paint has (0.8), or raise --max-depth"
+        "give the whitest materials a darker Base Color, as paint has (0.8), or raise Max Depth (--max-depth)"
     )
     return replace(light, error=math.hypot(light.error, lost)), [("", sentence)] if lost >= _WORTH_A_WORD else []

@@ -33,7 +33,7 @@ from .run import Run
 _NO_CONTACTS = (
     "where things touch was not looked for, to keep the time limit: light may leak under walls and furniture; raise the time limit"
 )
-_TREE = Status("scene", "Building the ray tracer's tree")
+_TREE = Status("scene", "Preparing the scene for rays")
 
 
 @dataclass(frozen=True)

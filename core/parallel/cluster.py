@@ -146,7 +146,7 @@ class ClusterExecutor(Executor):
             yield
         except KilledWorker as reason:
             raise OSError(
-                f"--cluster {self._address}: several workers died over the same shard, most likely for lack of memory; "
+                f"--cluster {self._address}: several workers died over the same piece of work, most likely for lack of memory; "
                 "give them more, or choose a smaller --size."
             ) from reason
         except (CancelledError, CommClosedError) as reason:

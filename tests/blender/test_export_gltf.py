@@ -411,7 +411,7 @@ def test_a_colour_on_no_uv_layer_is_its_mean_with_a_sentence(room, tmp_path):
     bake_room(tmp_path, "lighting")
     warnings = export_gltf(bpy.context, tmp_path / "room.glb")
     assert [subject for subject, _ in warnings] == ["Wood"]
-    assert warnings[0][1].endswith("so the .glb has its mean colour; bake the pass combined to see it.")
+    assert warnings[0][1].endswith("so the .glb has their mean; bake the pass combined to keep them.")
     _, color, _ = read_factors(read_document((tmp_path / "room.glb").read_bytes()), "Cube")
     np.testing.assert_allclose(color, (0.5, 0.5, 0.0), atol=1e-6)
 

@@ -23,7 +23,7 @@ STAGES = {  # line on the command line with which it begins
     "reading": "Reading the scene",
     "unwrapping": "Unwrapping",
     "measuring": "Measuring texels",
-    "ray tracer": "Building the ray tracer's tree",
+    "ray tracer": "Preparing the scene for rays",
     "contacts": "Looking for contacts",
     "photons": "Tracing photons",
     "writing": "Writing images",
