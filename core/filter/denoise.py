@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..texels.lattices import list_lattices
 from ..texels.quads import QUAD_TEXELS, list_texels
-from ..texels.texel_map import TexelMap
+from ..texels.texel_map import FOOTPRINT_SIDE, TexelMap
 from ..texels.tiling import Strips
 from .nonlocal_means import HALO, RADIUS, smooth_alike
 
@@ -113,6 +113,8 @@ def begin_denoising(
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
     nothing = np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
     asked = [(np.zeros(0, np.int32), False)]
+    # Texels that hold light of both sides of a wall are compared with their like alone; else they would spread it.
+    chart_piece, mixes = 2 * texels.chart_piece, texels.borders.see_beyond(np.arange(len(texels)), FOOTPRINT_SIDE)
 
     def ask() -> Iterator[tuple[Any, ...]]:
         for lattice in list_lattices(grainy, texels, by_quads):
@@ -120,7 +122,8 @@ def begin_denoising(
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
                 asked.append((entry[HALO:-HALO, HALO:-HALO][wanted], lattice.of_quads))
-                chart = np.where(entry >= 0, texels.chart_piece.take(texels.texel_chart.take(entry, mode="wrap")), -1)
+                group = chart_piece.take(texels.texel_chart.take(entry, mode="wrap")) + mixes.take(entry, mode="wrap")
+                chart = np.where(entry >= 0, group, -1)
                 yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, with_variance
 
     return Smoothing(light, asked, chain([nothing], spread(_smooth_strips, ask())))

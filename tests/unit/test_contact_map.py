@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
 from leaflight.core.bake import solve
+from leaflight.core.filter.denoise import denoise
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
 from leaflight.core.parallel import executors, folders, shared_arrays
@@ -327,6 +328,25 @@ def test_light_does_not_leak_below_a_thin_wall(tmp_path, x_m, most):
     right = places_of(whole, scene)[:, 0] > x_m * SIDE
     assert leaking[right].sum() > 0.005 * leaking.sum()  # or the test could not fail
     assert light_of(tmp_path, settings, cut, cut_atlas)[dark].sum() <= most * leaking[right].sum()
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_the_filter_does_not_spread_what_a_texel_takes_from_beyond_a_wall(tmp_path, layer):
+    """Texels of one column have their middles in the dark, but a part of their squares in the light: they are bright, and noisy."""
+    x_m = 32.4 / SIDE
+    _, cut, _, scene = cut_floor(tmp_path, sheet(x_m), layer=layer)
+    column = places_of(cut, scene)[:, 0].astype(int)
+    light, noise = np.select([column < 32, column == 32], [10.0, 3.0], 0.1), np.select([column < 32, column == 32], [1.0, 3.0], 0.1)
+    light += noise * np.random.default_rng(1).standard_normal(len(cut))
+    rgb, variance = (np.repeat(values[:, None], 3, axis=1).astype(np.float32) for values in (light, noise**2))
+    found = denoise(rgb[None], variance, np.ones(len(cut), bool), cut)
+    out = light.copy()
+    out[found.entry] = found.light[0, :, 0]
+    assert out[column > 32].std() < 0.05
+    assert out[column > 32].mean() == pytest.approx(0.1, abs=0.01)
+    assert out[column == 33].mean() == pytest.approx(0.1, abs=0.05)
+    assert out[column == 32].mean() == pytest.approx(3.0, abs=1.0)
+    assert out[column == 32].std() < 2.0
 
 
 def test_a_texel_that_a_rug_ends_in_is_as_bright_as_the_floor_beside_it(tmp_path):
