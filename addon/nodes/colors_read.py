@@ -18,7 +18,7 @@ from .image_parts import find_frame
 from .images_read import ImageTable, find_sphere_mean
 from .node_colors import BLACK, GREY, WHITE, Color, Rgb, add_rgb, find_brightness, to_rgb
 from .node_formulas import lerp, to_grey
-from .node_ports import Port, describe, walk_sources
+from .node_ports import Port, describe, is_used, walk_sources
 from .object_attributes import NOTHING, RANDOM, can_read_instances, find_shown, pick_output, shows_object, shows_view_layer
 from .socket_bake import TOO_MANY, SocketBaker, can_evaluate, depends_on_object, depends_on_random
 from .tangent_normals import thin_out
@@ -336,7 +336,7 @@ def _read_image(reader: ColorReader, port: Port) -> Color:
         mapping = replace(mapping, box=True)
         if node.projection_blend > 0.0:
             reader.approximate(f"the sides of the box projection of image {node.image.name} are not blended")
-    uses_alpha = node.outputs["Alpha"].is_linked
+    uses_alpha = is_used(node.outputs["Alpha"])
     index = reader.images.index(node.image, frame, node.extension, node.interpolation == "Closest", port.socket.name, uses_alpha)
     if pixels.alpha is not None and not alpha:
         mean = to_rgb(reader.images.images[index].pixels.mean(axis=(0, 1), dtype=np.float64))

@@ -64,6 +64,21 @@ def walk_sources(port: Port) -> Iterator[Any]:
         pending.extend(link.from_node for socket in node.inputs for link in socket.links)
 
 
+def is_used(output: Any) -> bool:
+    """Whether an output leads to an output of its tree: Cycles drops nodes that lead nowhere."""
+    pending, seen = [output], set()
+    while pending:
+        for link in pending.pop().links:
+            node = link.to_node
+            if link.is_muted or node.as_pointer() in seen:
+                continue
+            if node.type == "GROUP_OUTPUT" or node.type.startswith("OUTPUT_"):
+                return True
+            seen.add(node.as_pointer())
+            pending.extend(node.outputs)
+    return False
+
+
 def _list_links(socket: Any) -> list[Any]:
     """The links to an input that count. Blender marks one link of a ring as not valid, but not that of a node to itself."""
     return [link for link in socket.links if link.is_valid and not link.is_muted and link.from_node != link.to_node]

@@ -42,7 +42,8 @@ def show_image(width=5, height=3, space="sRGB", floating=False, is_packed=True, 
         setattr(texture, name, value)
     tree.links.new(texture.outputs["Color"], color)
     if uses_alpha:
-        tree.links.new(texture.outputs["Alpha"], color.node.inputs["Strength"])
+        strength = color.node.inputs["Strength"]
+        tree.links.new(texture.outputs["Alpha"], strength if uses_alpha != "nowhere" else tree.nodes.new("ShaderNodeMath").inputs[0])
     return texture
 
 
@@ -73,6 +74,7 @@ def bake_page(tree):
         {"alpha": 1, "floating": True, "alpha_mode": "PREMUL"},
         {"alpha": 1, "uses_alpha": True},
         {"alpha": 2, "uses_alpha": True},
+        {"alpha": 1, "uses_alpha": "nowhere"},
         {"alpha": 1, "uses_alpha": True, "floating": True, "alpha_mode": "PREMUL"},
     ],
     ids=str,
