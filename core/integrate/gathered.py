@@ -106,5 +106,9 @@ class GatheredField(DirectField):
         near = self.doubt[:whole].reshape(-1, _NEIGHBOURS).astype(np.float64)
         product = (near.sum(axis=1) ** 2 - (near**2).sum(axis=1)) / (_NEIGHBOURS * (_NEIGHBOURS - 1))
         block = np.arange(len(product)) // (_BLOCK // _NEIGHBOURS)
-        mean = np.bincount(block, product) / np.bincount(block)
+        count = np.bincount(block)
+        mean = np.bincount(block, product) / count
+        # One standard error more of the page's mean: of few texels the mean may be 0, or less, by chance.
+        spread = np.sqrt(np.bincount(block, (product - mean[block]) ** 2)) / count
+        mean += spread / math.sqrt(len(count))
         return mean[np.minimum(np.arange(len(self.doubt)) // _BLOCK, len(mean) - 1)].astype(np.float32)

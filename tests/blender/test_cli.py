@@ -35,7 +35,7 @@ def start_process(scene, *words):
 @pytest.mark.own_process
 def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsys):
     before = room.read_bytes()
-    assert bake(room, "--error", "0.05") == 0
+    assert bake(room, "--error", "0.004") == 0
     assert list_files(room.parent / "maps") == ["room_0.combined.exr"]
     pixels = read_pixels(room.parent / "maps" / "room_0.combined.exr")
     assert pixels.shape == (32, 32, 4)
@@ -50,7 +50,7 @@ def test_bake_gives_an_image_and_a_report_and_leaves_the_scene_alone(room, capsy
     (missed,) = report["warnings"]
     assert missed["subject"] == ""
     assert re.fullmatch(
-        r"stopped at --max-photons with an error of [\d.]+ %, where 5 % was asked for; raise --max-photons or --error", missed["text"]
+        r"stopped at --max-photons with an error of [\d.]+ %, where 0.4 % was asked for; raise --max-photons or --error", missed["text"]
     )
     assert (report["scene"], report["blender"]) == (str(room), bpy.app.version_string)
     assert report["rays"] > 20000 / photons.SPLIT  # so many go to the first surface as one
@@ -97,10 +97,10 @@ def test_quiet_leaves_warnings_and_errors_of_blender(capfd):
 def test_a_bake_that_misses_its_error_says_so(room, capsys):
     """Also where it is kept, and quiet."""
     for is_kept in (False, True):
-        assert bake(room, "--quiet", "--error", "0.01") == 0
+        assert bake(room, "--quiet", "--error", "0.004") == 0
         said = capsys.readouterr().err
         assert re.fullmatch(
-            r"leaflight: warning: stopped at --max-photons with an error of [\d.]+ %, where 1 % was asked for; raise .*\n", said
+            r"leaflight: warning: stopped at --max-photons with an error of [\d.]+ %, where 0.4 % was asked for; raise .*\n", said
         )
         report = read_report(room)
         assert report["skipped"]["bake"] == is_kept
