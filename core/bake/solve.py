@@ -26,7 +26,7 @@ from ..integrate.adaptive_sampling import SamplingStep, Stop, Tell, choose_texel
 from ..integrate.bright_places import find_bright
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
-from ..integrate.gather import KnownLight
+from ..integrate.gather import KnownLight, give_signs
 from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
 from ..integrate.reference_level import ReferenceLevel
@@ -201,10 +201,10 @@ class Solver:
 
     def _find_known(self, reading: RadiositySolution) -> KnownLight:
         """The light that gather rays meet."""
-        light, doubt = find_known(self._make_light(reading), self.tracing.texels)
+        light, doubt, leaf = find_known(self._make_light(reading), self.tracing.texels)
         on_cells, cell_doubt = self.cell_tally.irradiance(self.tracing.cells)
         bright = find_bright(texel_shards.open_surfaces(str(self.folder)), light, on_cells.sum(axis=0))
-        return KnownLight(light, doubt, on_cells, cell_doubt, bright)
+        return KnownLight(light, give_signs(doubt, leaf), on_cells, give_signs(cell_doubt), bright)
 
     def _read_tallies(self) -> RadiositySolution:
         return RadiositySolution.of(self.tree, self.tally, self.rule, self.settings.hierarchical and uses("coefficient_shrinkage"))

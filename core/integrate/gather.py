@@ -45,6 +45,7 @@ from .bright_places import BrightPlaces, Targets
 from .direct import DirectScene
 from .hit_light import HitLight
 
+SIGNS = 4  # of the noise of each leaf and cell: by one alone, the noise of a few bright leaves may cancel by chance
 # Width over distance of a cell that covers as much as one ray represents, of the most rays that a texel sends in one pass.
 _WIDE_RAD = math.sqrt(2.0 * math.pi / STAGES[-1][1])
 
@@ -54,9 +55,10 @@ class KnownLight:
     """Light at all n texel entries that rays may meet, W/m^2.
 
     light           (3, n) float32: direct, and indirect by photons so far
-    doubt           (n,) float32: half of what one half of the photons tells more than the other, mean of channels
+    doubt           (k, n) float32: half of what one half of the photons tells more than the other, mean of channels; k times, each with
+                    random signs for leaves: gathered light has the variance that is the mean square of what it gathers of these
     on_cells        (2, 3, n_cell) float32: light on sides without a lightmap by photons, indirect and straight from lamps
-    cell_doubt      (2, n_cell) float32: as doubt
+    cell_doubt      (k, 2, n_cell) float32: as doubt
     bright          places that send much of this light
     """
 
@@ -65,6 +67,18 @@ class KnownLight:
     on_cells: Float32
     cell_doubt: Float32
     bright: BrightPlaces
+
+
+def give_signs(doubt: Float32, leaf: IntArray | None = None) -> Float32:
+    """(SIGNS, ..., n) float32: noise (..., n) with random signs, the same for all that is on one leaf (n,) int; None for a sign each.
+
+    Source: Hutchinson 1990, "A stochastic estimator of the trace of the influence matrix for Laplacian smoothing splines" (the mean square
+    of a sum with random signs is the sum of the squares).
+    """
+    count = doubt.shape[-1] if leaf is None else int(leaf.max(initial=-1)) + 1
+    sign = np.random.default_rng(1).choice(np.array([-1, 1], np.float32), (SIGNS, count))
+    sign = sign if leaf is None else sign.take(leaf, axis=1)
+    return doubt * sign.reshape(SIGNS, *[1] * (doubt.ndim - 1), -1)
 
 
 @dataclass(frozen=True)
@@ -101,7 +115,7 @@ class GatheredLight:
 
     irradiance_rgb   (n, 3) float32, W/m^2, as of DirectLight, as are the variance and the counters
     variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
-    doubt            (n,) float32, W/m^2: what comes of KnownLight.doubt
+    doubt            (n, k) float32, W/m^2: what comes of KnownLight.doubt
     by_quads, by_openings   each texel has rays of its own
     """
 
@@ -118,7 +132,7 @@ def gather_light(
 ) -> GatheredLight:
     """Light from surfaces at texels (n,) int, by n_ray rays from each, the end of a stage of STAGES, and as many again to targets."""
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
-    doubt, traced = np.zeros(len(texel), np.float32), 0
+    doubt, traced = np.zeros((len(texel), len(known.doubt)), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.footprints_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
         gathering = _Gathering(scene, known, targets, chunk, rng, n_ray)
         every, nothing, all_rays = np.arange(len(chunk)), np.zeros((len(chunk), 3)), ((0, 2 * n_ray if len(targets) else n_ray),)
@@ -126,7 +140,7 @@ def gather_light(
         light, error, n = sample_adaptively(gathering.sample, every, Demand(0.0), nothing, all_rays)
         irradiance[part] += light
         variance[part] += error
-        doubt[part] += gathering.doubt / np.maximum(gathering.rays, 1)
+        doubt[part] += (gathering.doubt / np.maximum(gathering.rays, 1)).T
         traced += n
     return GatheredLight(irradiance, variance, doubt, {"rays": traced})
 
@@ -149,7 +163,7 @@ class _Rays:
 class _Gathering:
     """Rays of a chunk's texels, and what they met so far.
 
-    doubt   (n,) float64, W/m^2: sum over rays
+    doubt   (k, n) float64, W/m^2: sum over rays
     rays    (n,) int64
     """
 
@@ -160,7 +174,7 @@ class _Gathering:
         self._shift = random_shift(rng, len(chunk))
         self._on_hits = HitLight(scene.lights, rng)
         self._chances = targets.find_chances(chunk) if len(targets) else np.zeros((0, 0))
-        self.doubt, self.rays = np.zeros(len(chunk)), np.zeros(len(chunk), np.int64)
+        self.doubt, self.rays = np.zeros((len(known.doubt), len(chunk))), np.zeros(len(chunk), np.int64)
 
     def _choose_rays(self, rows: IntArray) -> _Rays:
         """Rays of cosine-distributed directions from each of the texels, and as many to targets if there are any."""
@@ -280,9 +294,10 @@ class _Gathering:
             traced += n_ray
             mapped = np.flatnonzero(mapped)
             at = entry[mapped]
-            for sides, light, doubt in ((mapped, known.light.take(at, axis=1), known.doubt[at]), (bare, on_bare, bare_doubt)):
+            for sides, light, doubt in ((mapped, known.light.take(at, axis=1), known.doubt.take(at, axis=1)), (bare, on_bare, bare_doubt)):
                 own, to = own_share[:, sides], place[sides]
-                self.doubt[rows] += np.bincount(ray[sides] % len(rows), own.mean(axis=0) * doubt, len(rows))
+                carried, row = own.mean(axis=0) * doubt, ray[sides] % len(rows)
+                self.doubt[:, rows] += np.stack([np.bincount(row, one, len(rows)) for one in carried])
                 for channel, row in enumerate(sent):
                     brought = own[channel] * light[channel]
                     if scene.mirrors is None:
@@ -310,18 +325,18 @@ class _Gathering:
     def _light_bare(
         self, tri: IntArray, u: Float32, v: Float32, is_front: NDArray[np.bool_], distance: Float32
     ) -> tuple[Float32, Float32, int]:
-        """Light (3, k) on fronts or backs of triangles (k,) without a lightmap, its doubt (k,), W/m^2, and the number of rays traced.
+        """Light (3, m) on fronts or backs of triangles (m,) without a lightmap, its doubt (k, m), W/m^2, and the number of rays traced.
 
         Direct light comes from shadow rays where a cell covers a larger part of the texel's view than one ray represents: such a cell
         would blur shadows, and several rays would meet the same noise.
         """
         known, receiving = self._known, self._scene.receiving
         cell = self._scene.cells.find(tri, is_front, u, v)
-        light, doubt = known.on_cells[0].take(cell, axis=1), known.cell_doubt[0, cell]
+        light, doubt = known.on_cells[0].take(cell, axis=1), known.cell_doubt[:, 0].take(cell, axis=1)
         is_near = (self._scene.cell_width[cell] > _WIDE_RAD * distance) & uses("hit_light")
         near, far = np.flatnonzero(is_near), np.flatnonzero(~is_near)
         light[:, far] += known.on_cells[1].take(cell[far], axis=1)
-        doubt[far] += known.cell_doubt[1, cell[far]]
+        doubt[:, far] += known.cell_doubt[:, 1].take(cell[far], axis=1)
         if not len(near):
             return light, doubt, 0
         tri, side = tri[near], np.where(is_front[near], np.float32(1), np.float32(-1))

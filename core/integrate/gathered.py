@@ -23,7 +23,7 @@ from ..util.messages import Message, Status
 from ..util.settings import Settings
 from . import texel_shards
 from .direct_field import DirectField, average_in_blocks
-from .gather import KnownLight
+from .gather import SIGNS, KnownLight
 
 _BLOCK = 64  # texels over which the photons' noise is averaged; a mean over them all would miss what differs between them
 _NEIGHBOURS = 4  # successive texel entries, mostly a square of 2 * 2
@@ -43,20 +43,20 @@ def count_rays(error: float) -> int:
 class GatheredField(DirectField):
     """As DirectField, of indirect light.
 
-    doubt           (n,) float32, W/m^2: of GatheredLight
+    doubt           (n, k) float32, W/m^2: of GatheredLight
     rays_of_pass    rays of a texel in each pass, 0 before the first
     """
 
     said: ClassVar = Status("photons", "Indirect light")
     most_passes: ClassVar = 256  # of hardly more rays than a texel takes at once; with 64 small errors are missed
 
-    doubt: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    doubt: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, SIGNS), np.float32))
     rays_of_pass: int = 0
 
     @classmethod
     def none(cls, n_texel: int) -> GatheredField:
         irradiance, variance = np.zeros((2, n_texel, 3), np.float32)
-        doubt = np.zeros(n_texel, np.float32)
+        doubt = np.zeros((n_texel, SIGNS), np.float32)
         return cls(irradiance, variance, np.zeros(n_texel, np.int16), doubt=doubt)
 
     def gather(
@@ -85,7 +85,7 @@ class GatheredField(DirectField):
         return average_in_blocks(np.arange(len(error2)), error2).astype(np.float32)
 
     def _add(self, rows: IntArray | slice, light: Any) -> None:
-        before = self.passes[rows].astype(np.float32)
+        before = self.passes[rows, None].astype(np.float32)
         self.doubt[rows] = (self.doubt[rows] * before + light.doubt) / (before + 1)
         super()._add(rows, light)
 
@@ -102,9 +102,9 @@ class GatheredField(DirectField):
         """
         whole = len(self.doubt) // _NEIGHBOURS * _NEIGHBOURS
         if not whole:
-            return self.doubt**2
-        near = self.doubt[:whole].reshape(-1, _NEIGHBOURS).astype(np.float64)
-        product = (near.sum(axis=1) ** 2 - (near**2).sum(axis=1)) / (_NEIGHBOURS * (_NEIGHBOURS - 1))
+            return (self.doubt**2).mean(axis=1)
+        near = self.doubt[:whole].reshape(-1, _NEIGHBOURS, SIGNS).astype(np.float64)
+        product = ((near.sum(axis=1) ** 2 - (near**2).sum(axis=1)) / (_NEIGHBOURS * (_NEIGHBOURS - 1))).mean(axis=1)
         block = np.arange(len(product)) // (_BLOCK // _NEIGHBOURS)
         count = np.bincount(block)
         mean = np.bincount(block, product) / count

@@ -101,23 +101,23 @@ def glance_at(field: LightField, texels: TexelMap, entry: IntArray, rays_alone: 
     return light
 
 
-def find_known(field: LightField, texels: TexelMap) -> tuple[Float32, Float32]:
-    """Light at all texel entries, in the form of gather.KnownLight: (3, n) float32, W/m^2, the sum of both parts of glance_at; and (n,)
-    float32, W/m^2, half of the difference between the two halves of the photons.
+def find_known(field: LightField, texels: TexelMap) -> tuple[Float32, Float32, NDArray[np.int32]]:
+    """Light at all texel entries, in the form of gather.KnownLight: (3, n) float32, W/m^2, the sum of both parts of glance_at; (n,)
+    float32, W/m^2, half of the difference between the two halves of the photons; and (n,) int32, the entries' leaves.
 
     Gathered light is left out: gather rays that meet it would add one more reflection with every batch.
     """
     leaves = replace(field, gathered=None)
     n_texel = len(texels)
-    light, doubt = np.empty((3, n_texel), np.float32), np.empty(n_texel, np.float32)
+    light, doubt, leaf = np.empty((3, n_texel), np.float32), np.empty(n_texel, np.float32), np.empty(n_texel, np.int32)
     for start in range(0, n_texel, _CHUNK):
         part = slice(start, min(start + _CHUNK, n_texel))
         entry = np.arange(part.start, part.stop)
         light[:, part] = glance_at(leaves, texels, entry).sum(axis=0).T
-        node = node_at_entries(field.tree, field.leaves, entry)
+        leaf[part] = node = node_at_entries(field.tree, field.leaves, entry)
         halves = evaluate_nodes(field.tree, field.solution.half, node, *texels.own_points_at(entry))
         doubt[part] = (halves[0] - halves[1]).mean(axis=0) / 2.0
-    return light, doubt
+    return light, doubt, leaf
 
 
 def _light_leaves(field: LightField, texels: TexelMap, leaf: NDArray[np.int32], threads: int) -> tuple[Float32, Float32]:

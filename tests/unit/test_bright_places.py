@@ -42,7 +42,7 @@ class Lit:
         on_cells = np.zeros((2, 3, len(tri)), np.float32)
         on_cells[:, :, (is_front == front) & (scene.tri_object[tri] == 1)] = 60.0
         bright = find_bright(self.surfaces, np.tile(light, (3, 1)), on_cells.sum(axis=0))
-        doubt = np.zeros(len(every), np.float32), np.zeros(on_cells.shape[::2], np.float32)
+        doubt = np.zeros((1, len(every)), np.float32), np.zeros((1, *on_cells.shape[::2]), np.float32)
         self.known = gather.KnownLight(np.tile(light, (3, 1)), doubt[0], on_cells, doubt[1], bright)
 
     @property

@@ -30,7 +30,7 @@ def know(solver, light, doubt, on_sides=0.0):
     on_cells = np.zeros((2, 3, n_cell), np.float32)
     on_cells[0] = on_sides
     bright = find_bright(texel_shards.open_surfaces(str(solver.folder)), light, on_cells.sum(axis=0))
-    return gather.KnownLight(light, doubt, on_cells, np.zeros((2, n_cell), np.float32), bright)
+    return gather.KnownLight(light, np.tile(doubt, (2, 1)), on_cells, np.zeros((2, 2, n_cell), np.float32), bright)
 
 
 def gather_known(solver, known, texel=None, n_ray=64, seed=1):
@@ -114,9 +114,25 @@ def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tm
     albedo = tracing.scene.surfaces.albedo_at(hit.tri, hit.u, hit.v)
     sent = np.column_stack([albedo * light[:, entry].T, albedo.mean(axis=1) * doubt[entry]]).reshape(len(texel), -1, 4)
     mean, chance = sent.mean(axis=1), sent.std(axis=1) / np.sqrt(1000)
-    mine = np.column_stack([found.irradiance_rgb, found.doubt])[texel]
+    mine = np.column_stack([found.irradiance_rgb, found.doubt[:, 1]])[texel]
     assert (np.abs(mine - mean).mean(axis=0) < 2 * chance.mean(axis=0)).all()
     assert found.counters["rays"] > 5 * len(x)  # more than one span of them
+
+
+def test_noise_of_a_leaf_has_one_sign_and_that_of_leaves_does_not_add_up():
+    leaf = np.repeat(np.arange(4000), 3)
+    noise = np.random.default_rng(2).random(len(leaf)).astype(np.float32)
+    found = gather.give_signs(noise, leaf)
+    assert found.shape == (gather.SIGNS, len(leaf))
+    np.testing.assert_array_equal(np.abs(found), np.tile(noise, (gather.SIGNS, 1)))
+    sign = np.sign(found).reshape(gather.SIGNS, -1, 3)
+    assert (sign == sign[..., :1]).all()
+    assert np.abs(np.corrcoef(sign[..., 0]) - np.eye(gather.SIGNS)).max() < 0.1
+    of_leaves = np.bincount(leaf, noise)
+    assert (np.abs(found.sum(axis=1)) < 5 * np.linalg.norm(of_leaves)).all()
+    alone = gather.give_signs(np.ones((2, 4000), np.float32))
+    assert alone.shape == (gather.SIGNS, 2, 4000)
+    assert np.abs(alone.mean(axis=2)).max() < 0.1
 
 
 @pytest.mark.parametrize("above", [True, False])

@@ -9,6 +9,7 @@ from boxes import lamp_scene, make_solver
 from leaflight.core.bake.preview import PreviewPages
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.gathered import GatheredField
+from leaflight.core.radiosity.quadtree import node_of_texel
 from leaflight.core.util.settings import Settings
 
 
@@ -40,13 +41,14 @@ def test_a_glance_has_the_light_of_the_pages_without_filter(bake_room, direct):
 def test_gather_rays_find_the_light_of_a_glance_and_how_far_halves_differ(bake_room):
     solver, light = bake_room("rays")
     texels = solver.tracing.texels
-    known, doubt = texel_light.find_known(light, texels)
+    known, doubt, leaf = texel_light.find_known(light, texels)
     np.testing.assert_allclose(
         known.T, texel_light.glance_at(replace(light, gathered=None), texels, np.arange(len(texels))).sum(axis=0), rtol=1e-5
     )
     halves = light.solution.flux_half[:, :, light.leaves].sum(axis=2).mean(axis=1)
     assert doubt @ texels.texel_area == pytest.approx((halves[0] - halves[1]) / 2, abs=0.02 * halves.mean())
     assert np.abs(doubt).max() > 0
+    np.testing.assert_array_equal(leaf, node_of_texel(light.tree, light.leaves, len(texels)))
 
 
 def test_gathered_light_is_shown_while_a_bake_runs_and_not_gathered_again(bake_room, tmp_path):
