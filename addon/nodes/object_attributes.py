@@ -62,7 +62,7 @@ def can_read_instances() -> bool:
 
 def _find_of_instance(faces: Faces, name: str) -> Rgba | None:
     """An attribute that geometry nodes give to instances."""
-    if faces.maker is None or not can_read_instances():
+    if faces.maker is None or faces.maker.type == "EMPTY" or not can_read_instances():  # an empty has collections alone, and no nodes
         return None
     geometry = faces.maker.evaluated_geometry()
     points = geometry.instances_pointcloud()
