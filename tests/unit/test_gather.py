@@ -4,11 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import make_solver, room_mesh
+from boxes import make_solver, prepare_folder, room_mesh
 from floors import sigma_limit
+from leaflight.core.bake import solve
 from leaflight.core.integrate import gather, texel_shards
 from leaflight.core.integrate.bright_places import Targets, find_bright
+from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.parallel import executors, folders, shared_arrays
 from leaflight.core.scene.scene import Light, Material
+from leaflight.core.transport import traced_scene
+from leaflight.core.transport.contact_map import cut_at_contacts, find_contacts
 from leaflight.core.util.settings import Settings
 from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
@@ -117,6 +122,39 @@ def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tm
     mine = np.column_stack([found.irradiance_rgb, found.doubt[:, 1]])[texel]
     assert (np.abs(mine - mean).mean(axis=0) < 2 * chance.mean(axis=0)).all()
     assert found.counters["rays"] > 5 * len(x)  # more than one span of them
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.2])
+def test_what_a_wall_divides_a_texel_into_sends_the_light_of_its_own_side(tmp_path, rest):
+    """A strip of floor is lit along a wall that stands beside the middles of texels. With light on the rest too, rays are aimed at it."""
+    x_m, width_m, height_m = 31.6 / 64, 0.05, 0.4
+    corners = np.array([[x_m, -0.1, 0], [x_m, 1.1, 0], [x_m, 1.1, 0.5], [x_m, -0.1, 0.5]])
+    ceiling = Mesh("Ceiling", np.array([[0, 0, height_m], [0, 1, height_m], [1, 1, height_m], [1, 0, height_m]]), [[0, 1, 2, 3]])
+    scene = make_scene([quad_mesh("Floor"), Mesh("Wall", corners, [[0, 1, 2, 3]]), ceiling], [LAMP], [Material("White", (0.8,) * 3)])
+    settings = replace(SETTINGS, size=128)
+    atlas, whole = prepare_folder(tmp_path, scene, settings)
+    cut, *_ = cut_at_contacts(whole, atlas, find_contacts(traced_scene.open_scene(str(tmp_path)), whole))
+    folders.forget_folders()
+    shared_arrays.remove_struct(tmp_path / folders.TEXELS_FOLDER)
+    shared_arrays.save_struct(tmp_path / folders.TEXELS_FOLDER, cut)
+    solver = solve.Solver(tmp_path, settings, executors.InlineExecutor(), DirectField.none(len(cut)), np.zeros(len(cut), bool))
+    x, y, _ = places_of(solver).T
+    thing = scene.tri_object[cut.texel_tri]
+    on_right = (thing == 0) & (x > x_m)
+    in_strip = on_right & (x < x_m + width_m)
+    light = np.float32(np.where(in_strip, 10.0, np.where(on_right, rest, 0.0)) * np.ones((3, 1)))
+    known = know(solver, light, 0 * light[0])
+    assert bool(len(known.bright)) == (rest > 0)
+    seen = np.flatnonzero((thing == 2) & (x > x_m))
+    found = np.mean([gather_known(solver, known, texel=seen, seed=seed).irradiance_rgb[:, 0].mean() for seed in range(16)])
+    reach_m = cut.texel_area[in_strip].sum()  # a metre long
+    expected = 0.0
+    for low, high, level in ((x_m, x_m + reach_m, 10.0), (x_m + reach_m, 1.0, rest)):
+        along, across = np.linspace(low, high, 65)[:-1] + (high - low) / 128, (np.arange(64) + 0.5) / 64
+        away2 = (x[seen, None] - along)[:, :, None] ** 2 + (y[seen, None] - across)[:, None, :] ** 2 + height_m**2
+        expected += (0.8 * level / np.pi * height_m**2 / away2**2).mean() * (high - low)
+    print("FOUND", found, expected, reach_m, len(known.bright))
+    assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_noise_of_a_leaf_has_one_sign_and_that_of_leaves_does_not_add_up():
