@@ -40,8 +40,13 @@ def main(folder: Path) -> int:
     sys.path += json.loads((folder / "sys_path.json").read_text(encoding="utf-8"))
     tempfile.tempdir = str(folder)  # what is left where this process is ended at once is taken away with the job
     begun, stop = threading.Event(), threading.Event()
+
+    def end(*_: object) -> None:
+        if not _LEAVING.locked():  # nobody waits for pages of one that leaves
+            stop.set()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, end)
     # While the parent reads the scene: what the bake will need, and first what loads beside this process.
     from leaflight.core.atlas import unfolding
     from leaflight.core.util import malloc_tuning
@@ -128,7 +133,7 @@ def _leave(folder: Path) -> None:
     """End at once, with the workers, and take the job's folder away: whoever would do so is gone."""
     with _LEAVING:
         if os.name == "posix" and os.getpgid(0) == os.getpid():  # as job.BakeProcess starts it
-            os.killpg(os.getpid(), signal.SIGTERM)  # which tells this process to stop, and ends its workers
+            os.killpg(os.getpid(), signal.SIGTERM)  # which ends the workers
         for _ in range(_TRIES):  # what they are writing comes into a new folder
             if folder.name.startswith("leaflight_"):  # as job.open_bake calls it
                 shutil.rmtree(folder, ignore_errors=True)

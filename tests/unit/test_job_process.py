@@ -145,6 +145,25 @@ def test_nobody_stays_behind(start, tmp_path, end, copied):
     assert [path.name for path in (tmp_path / "out").iterdir()] == [".leaflight_room.charts"]  # whole, for the next bake
 
 
+@needs_proc
+def test_one_whose_parent_is_gone_writes_no_pages(dummy, tmp_path):
+    """The signal that ends its workers reaches the bake too, which would end it as if it were cancelled."""
+    boot = Path(job.__file__).with_name("boot.py")
+    process = dummy(
+        f"import pathlib, runpy\nmain = runpy.run_path({str(boot)!r}, run_name='boot')['main']\n"
+        "from leaflight.core.bake import bake\nfrom leaflight.core.util.messages import Status\n"
+        "def run_bake(folder, send, is_stopped, open_executor):\n"
+        "    send(Status('bake', ''))\n"
+        "    while not is_stopped():\n        time.sleep(0.001)\n"
+        "    (folder / 'pages').touch()\n"
+        "bake.run_bake = run_bake\nsys.exit(main(pathlib.Path(sys.argv[1])))\n"
+    )
+    run_to(process, Status)
+    close_stdin(process)
+    assert process._process.wait(PATIENCE_S) == 4
+    assert not (tmp_path / "pages").exists()
+
+
 def test_the_folder_of_a_job_whose_parent_is_gone_is_taken_away(tmp_path, open_image_io):
     """As where Blender crashes, or is killed."""
     folder = tmp_path / "leaflight_job"
