@@ -21,7 +21,7 @@ from ..integrate.light_field import LightField
 from ..integrate.texel_light import glance_at
 from ..output.image_file import HALF_MAX
 from ..parallel.executors import InlineExecutor
-from ..scene.materials import SurfaceMaterials
+from ..scene.materials import Layer, SurfaceMaterials
 from ..texels.margin import add_margin
 from ..texels.texel_map import TexelMap
 from ..util.arrays import IntArray
@@ -83,8 +83,8 @@ class PreviewPages:
         self._margin = max(settings.margin * self.side // texels.page_size, 1)
         show_direct, show_indirect, coloured, added = _PASSES.get(settings.passes[0], _LIGHTING)
         self._cell, self._entry = _choose_entries(texels, self.side)
-        albedo = _surface_at(texels, surfaces.albedo_at, surfaces.has_images(False), self._entry)
-        emission = _surface_at(texels, surfaces.emission_at, surfaces.has_images(True), self._entry)
+        albedo = _surface_at(texels, surfaces.albedo, self._entry)
+        emission = _surface_at(texels, surfaces.emission, self._entry)
         tint = (albedo if coloured else np.ones_like(albedo)) / np.float32(np.pi)
         self._direct_tint, self._indirect_tint = np.float32(show_direct) * tint, np.float32(show_indirect) * tint
         self._added = {"emission": emission, "albedo": albedo}.get(added, np.zeros_like(albedo))
@@ -143,10 +143,10 @@ def _choose_entries(texels: TexelMap, side: int) -> tuple[IntArray, IntArray]:
     return covered, first[covered]
 
 
-def _surface_at(texels: TexelMap, look_up: Callable[..., NDArray[np.float32]], has_images: bool, entry: IntArray) -> NDArray[np.float32]:
-    """(m, 3) float32: look_up, an albedo or emission, at one point of each texel entry (m,)."""
-    if has_images:
+def _surface_at(texels: TexelMap, layer: Layer, entry: IntArray) -> NDArray[np.float32]:
+    """(m, 3) float32: the layer at one point of each texel entry (m,)."""
+    if layer.has_images:
         _, u, v = texels.bary_at(entry).T
     else:
         u = v = np.zeros(len(entry), np.float32)
-    return look_up(texels.texel_tri[entry], u, v)
+    return layer.at(texels.texel_tri[entry], u, v)

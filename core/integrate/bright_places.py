@@ -80,7 +80,7 @@ def find_bright(scene: PlacedSurfaces, light: Float32, on_cells: Float32) -> Bri
     centre, normal = receiving.place(tri, u, v), receiving.normal[tri]
     normal[len(entry) :][~is_front] *= -1
     area = np.concatenate([texels.texel_area[entry], cells.area_m2[cell]]) * scene.scale**2
-    sent = np.concatenate([light[:, entry], on_cells[:, cell]], axis=1).T * scene.surfaces.reflectance_at(tri, u, v)
+    sent = np.concatenate([light[:, entry], on_cells[:, cell]], axis=1).T * scene.surfaces.reflectance.at(tri, u, v)
     power = sent.sum(axis=1, dtype=np.float64) * area
     order = sort_by_place(centre, normal)
     order = order[power[order] > 0]

@@ -248,9 +248,9 @@ class _Gathering:
         on the other side, None where all is 0.
         """
         surfaces, mirrors = self._scene.surfaces, self._scene.mirrors
-        albedo, through = surfaces.reflectance_at(tri, u, v).T, None
+        albedo, through = surfaces.reflectance.at(tri, u, v).T, None
         if surfaces.has_through:
-            through = surfaces.through_at(tri, u, v).T
+            through = surfaces.through.at(tri, u, v).T
             albedo = np.maximum(albedo - through, 0)
         if mirrors is None or mirrors.gloss is None:
             return albedo, through

@@ -216,6 +216,6 @@ class EmitterPool:
         radiance = self.cells.mean_rgb[cell]
         textured = np.flatnonzero(~self.constant[cell])
         if len(textured):
-            radiance[textured] = self.surfaces.emission_at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
+            radiance[textured] = self.surfaces.emission.at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
         short = weight.astype(np.float32)
         return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance

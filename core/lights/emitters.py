@@ -62,7 +62,7 @@ class EmittingMeshes:
         for _, cells in by_material:
             shines[cells.tri] = True
         passes = np.logical_or.reduce([surfaces.find_passing(kind)[0] for kind in RAY_KINDS])
-        passes |= surfaces.find_glass() | surfaces.find_through()
+        passes |= surfaces.tri_glass | surfaces.tri_through
         dark = np.array([(one.dark_back, one.dark_front) for one in snapshot.materials], bool).reshape(-1, 2)[snapshot.tri_material]
         return cls(by_material, find_sealed(snapshot, shines, passes) | dark.any(axis=1), dark[:, 1])
 
@@ -104,7 +104,7 @@ class MeshEmitter(Emitter):
         if self.cells.constant:
             radiance = self.cells.mean_rgb[cell].astype(np.float32)
         else:
-            radiance = self.surfaces.emission_at(tri, barycentric[:, 0], barycentric[:, 1])
+            radiance = self.surfaces.emission.at(tri, barycentric[:, 0], barycentric[:, 1])
         per_radiance = math.pi * sides * self.cells.area_m2[cell] / self.table.probability[cell]
         share = np.divide(1, self.power_rgb, out=np.zeros(3), where=self.power_rgb > 0)
         return make_photons(origin, direction, radiance * per_radiance[:, None] * share)

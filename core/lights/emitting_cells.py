@@ -108,7 +108,7 @@ def _cut_cells(
     count = len(tri)
     corner, side = np.zeros((count, 2), np.float32), np.ones(count, np.float32)
     if snapshot.materials[material].emission_image < 0:
-        rgb = surfaces.emission_at(tri, np.zeros(count), np.zeros(count)).astype(np.float64)
+        rgb = surfaces.emission.at(tri, np.zeros(count), np.zeros(count)).astype(np.float64)
         return [EmittingCells(tri, corner, side, area_m2, rgb, True, part)]
     texture = _Texture.of(snapshot, surfaces, material, tri, part)
     whole = texture.look_at(np.arange(count), corner, side, area_m2)
@@ -237,5 +237,5 @@ class _Texture:
             return mean.astype(np.float64), square.astype(np.float64)
         if self.part is not None:
             barycentric = find_between(self.part[whose], barycentric)
-        rgb = self.surfaces.emission_at(self.tri[whose], *barycentric.T).astype(np.float64)
+        rgb = self.surfaces.emission.at(self.tri[whose], *barycentric.T).astype(np.float64)
         return rgb, rgb**2

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..filter import seams
 from ..integrate.texel_light import TexelLight
-from ..scene.materials import SurfaceMaterials
+from ..scene.materials import Layer, SurfaceMaterials
 from ..texels.margin import add_margin
 from ..texels.seam_points import SeamPoints
 from ..texels.texel_footprint import centred_strata
@@ -31,15 +31,6 @@ def close_seams(light: TexelLight, points: SeamPoints, texels: TexelMap) -> tupl
     parts = light.direct, light.indirect
     (direct, indirect), empty, report = seams.match_seams(points, parts, light.stderr, texels.is_central, texels.entry_at)
     return dataclasses.replace(light, direct=direct, indirect=indirect, empty=empty), report
-
-
-def _shade(name: str, direct: Float32, indirect: Float32, surface: Callable[[bool], Float32]) -> Float32:
-    """(n, 3) float32: a pass of light, from irradiance (n, 3) and a function that returns albedo, or emission if its argument is true."""
-    total = {"direct": direct, "indirect": indirect}.get(name)
-    lighting: Float32 = (direct + indirect if total is None else total) / np.float32(np.pi)
-    if name in ("diffuse", "combined"):
-        lighting = lighting * surface(False)
-    return lighting + surface(True) if name == "combined" else lighting
 
 
 class Resolver:
@@ -83,27 +74,33 @@ class Resolver:
     def _pass_values(self, name: str, entry: IntArray) -> Float32:
         light, rows = self._light, as_slice(entry)
         if name in _LIGHT_PASSES:
-            return _shade(name, light.direct[rows], light.indirect[rows], lambda emission: self._surface(entry, emission))
+            return self._shade(name, light.direct[rows], light.indirect[rows], lambda layer: self._average(layer, entry))
         if name == "stderr" and light.stderr is not None:
             return light.stderr[rows] / np.float32(np.pi)
         if name in ("albedo", "emission"):
-            return self._surface(entry, emission=name == "emission")
+            return self._average(self._surfaces.albedo if name == "albedo" else self._surfaces.emission, entry)
         raise ValueError(f"pass: {name!r} is not known")
+
+    def _shade(self, name: str, direct: Float32, indirect: Float32, look_up: Callable[[Layer], Float32]) -> Float32:
+        """(n, 3) float32: a pass of light, from irradiance (n, 3) and a function that looks up a layer of the surface."""
+        total = {"direct": direct, "indirect": indirect}.get(name)
+        lighting: Float32 = (direct + indirect if total is None else total) / np.float32(np.pi)
+        if name in ("diffuse", "combined"):
+            lighting = lighting * look_up(self._surfaces.albedo)
+        return lighting + look_up(self._surfaces.emission) if name == "combined" else lighting
 
     def _beside_charts(self, name: str, page: int, empty: seams.EmptyTexels) -> tuple[IntArray, IntArray, Float32]:
         """Columns and rows (m,) of a page's empty texels beside seams, and their values (m, 3)."""
         rows = np.flatnonzero(empty.page == page)
         tri, (u, v) = empty.tri[rows], empty.weight[rows].T
-        look_up = {True: self._surfaces.emission_at, False: self._surfaces.albedo_at}
-        value = _shade(name, empty.light[0, rows], empty.light[1, rows], lambda emission: look_up[emission](tri, u, v))
+        value = self._shade(name, empty.light[0, rows], empty.light[1, rows], lambda layer: layer.at(tri, u, v))
         return empty.xy[rows, 0], empty.xy[rows, 1], value
 
-    def _surface(self, entry: IntArray, emission: bool) -> Float32:
-        """Mean albedo or emitted radiance over each texel's covered part."""
-        look_up = self._surfaces.emission_at if emission else self._surfaces.albedo_at
-        if not self._surfaces.has_images(emission):
+    def _average(self, layer: Layer, entry: IntArray) -> Float32:
+        """(n, 3): mean of a layer over the covered part of each texel entry (n,)."""
+        if not layer.has_images:
             flat = np.zeros(len(entry), np.float32)
-            return look_up(self._texels.texel_tri[entry], flat, flat)
+            return layer.at(self._texels.texel_tri[entry], flat, flat)
         tri, uv = self._texels.sub_points(entry, centred_strata(_ALBEDO_POINTS))
-        values = look_up(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
+        values = layer.at(tri.ravel(), uv[..., 0].ravel(), uv[..., 1].ravel())
         return values.reshape(_ALBEDO_POINTS, -1, 3).mean(0)

@@ -60,7 +60,7 @@ class Glass:
     @classmethod
     def of(cls, scene: SceneSnapshot, surfaces: SurfaceMaterials) -> Glass | None:
         """None if no surface is glass."""
-        tri_glass = surfaces.find_glass()
+        tri_glass = surfaces.tri_glass
         if not tri_glass.any():
             return None
         rows = RoughnessRows.of(scene)
@@ -99,8 +99,8 @@ class Glass:
         numbers     (3, n) float32, uniform in [0, 1)
         """
         material = gather(self.tri_material, tri)
-        images = self.surfaces.has_lobe_images
-        row = self.rows.find(material, self.surfaces.lobes_at(tri, u, v)[:, 0]) if images else gather(self.rows.first, material)
+        lobes = self.surfaces.lobes
+        row = self.rows.find(material, lobes.at(tri, u, v)[:, 0]) if lobes.has_images else gather(self.rows.first, material)
         alpha, ior = gather(self.alpha, row), gather(self.ior, row)
         eta = np.where(is_front, ior, 1 / ior)
         axes = ggx.find_axes(normal)
@@ -116,7 +116,7 @@ class Glass:
         fresnel = gather(self.fresnel, row)
         # Without Fresnel's equations, light that would be totally reflected is lost.
         mirrored = np.where(fresnel, share, 0) * gather(self.mirror, row)
-        passed = np.where(fresnel, 1 - share, share < 1) * self.surfaces.glass_at(tri, u, v).T
+        passed = np.where(fresnel, 1 - share, share < 1) * self.surfaces.glass.at(tri, u, v).T
         chance_m, chance_p = mirrored.max(axis=0), passed.max(axis=0)
         over = np.maximum(chance_m + chance_p, 1)
         chance_m, chance_p = chance_m / over, chance_p / over

@@ -244,7 +244,7 @@ class Gloss:
     def find_diffuse(self, tri: IntArray, u: FloatArray, v: FloatArray, albedo: Float32) -> tuple[Float32, Int32]:
         """(3, n): the part of an albedo (3, n) that is reflected diffusely; and (n,): rows of the tables."""
         row = self._find_lobes(tri, u, v)[0]
-        left = albedo - self.surfaces.metal_at(tri, u, v).T
+        left = albedo - self.surfaces.metal.at(tri, u, v).T
         if self.sheen:
             left -= gather(self.sheen.mean_rgb, row)
         return np.maximum(left, 0, out=left), row
@@ -256,10 +256,10 @@ class Gloss:
     def _find_lobes(self, tri: IntArray, u: FloatArray, v: FloatArray) -> tuple[Int32, Float32, Float32]:
         """(n,) each: rows of the tables, and the shares of the surface that are metal and that have a layer."""
         material, rows = gather(self.tri_material, tri), self.rows
-        if not self.surfaces.has_lobe_images:
+        if not self.surfaces.lobes.has_images:
             row = gather(rows.first, material)
             return row, gather(self.metal, row), gather(self.layer, row)
-        rough, metal, layer = self.surfaces.lobes_at(tri, u, v).T
+        rough, metal, layer = self.surfaces.lobes.at(tri, u, v).T
         row = rows.find(material, rough)
         return row, metal * (gather(self.metal, row) > 0), layer
 
@@ -274,7 +274,7 @@ class Gloss:
         row, share, layer = self._find_lobes(tri, u, v)
         place = ggx.find_place(row, cosine)
         edge, lost = ggx.look_up(self.edge, *place), ggx.look_up(self.lost, *place)
-        color = self.surfaces.metal_at(tri, u, v).T
+        color = self.surfaces.metal.at(tri, u, v).T
         dip = self._find_dip(row, color, share)
         single: Float32 = color * (1 / (1 + lost) - edge) + share * edge
         if dip is not None:
@@ -376,7 +376,7 @@ class Gloss:
         edge: FloatArray = rising * (1 - cosine) ** 5
         place = ggx.find_place(row, np.maximum(out[2], 0) if of_light else local[2])
         restored = ggx.look_up(self.restored, *place)
-        color = self.surfaces.metal_at(tri, u, v).T
+        color = self.surfaces.metal.at(tri, u, v).T
         dip = self._find_dip(row, color, share)
         rgb: FloatArray = color * (1 - edge) + share * edge
         if dip is not None:

@@ -105,12 +105,12 @@ class LightProbe:
             if bounce == bounces or not len(met):
                 break
             third = third[: len(met)]
-            albedo = self._surfaces.albedo_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
+            albedo = self._surfaces.albedo.at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
             back = self._surfaces.dim_back(seen.tri[met], seen.is_front[met])
             throughput = throughput[met] * albedo * (1.0 if back is None else back.mean(axis=0))
             rows, point, side = rows[met], seen._place[met], seen._side[met]
             if self._surfaces.has_through:
-                through = self._surfaces.through_at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
+                through = self._surfaces.through.at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
                 side = np.where((self._rng.random(len(met)) * albedo < through)[:, None], -side, side)
         return total
 
@@ -119,7 +119,7 @@ class LightProbe:
         """Triangles that glow, their radiance, and the cumulative sum of their powers, normalised to 1."""
         tri = np.arange(self.snapshot.n_tri)
         third = np.full(len(tri), 1.0 / 3.0, np.float32)
-        radiance = self._surfaces.emission_at(tri, third, third).mean(axis=1, dtype=np.float64)
+        radiance = self._surfaces.emission.at(tri, third, third).mean(axis=1, dtype=np.float64)
         power = np.cumsum(radiance * self.area)
         tri = np.flatnonzero(radiance * self.area > 0.0)
         return tri, radiance[tri], power[tri] / power[-1] if len(tri) else power[:0]

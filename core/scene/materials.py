@@ -1,26 +1,34 @@
-"""Albedo, emission and transmittance at hits."""
+"""Colours and transmittance of surfaces at hits."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..util.arrays import FloatArray, IntArray
+from ..util.arrays import BoolArray, Float32, FloatArray, Int32, IntArray
 from ..util.geometry import gather, locate_hits, triangle_frames, triangle_normals_areas
-from .scene import DIFFUSE, GLOSSY, MAX_ALBEDO, RAY_KINDS, SEEN_BY_ALL, SHADOW, TRANSMISSION, Material, SceneSnapshot
+from .scene import DIFFUSE, GLOSSY, MAX_ALBEDO, RAY_KINDS, SEEN_BY_ALL, SHADOW, TRANSMISSION, Material, Rgb, SceneSnapshot
 from .textures import Textures, clamp_colours, sample_texture
 
-_MAX_EMISSION = float(np.finfo(np.float32).max)
-_LEAST_TOLD = dict.fromkeys(("albedo", "metal", "translucency"), 2.0 - MAX_ALBEDO)  # no warning for white: its clamp is invisible
+# A quantity has the fields <name>_rgb and <name>_image of a material and the coordinates tri_<name>_uv. Its greatest value, and its name
+# in warnings:
+_QUANTITIES = {
+    "albedo": (MAX_ALBEDO, "albedo"),
+    "emission": (float(np.finfo(np.float32).max), "emission"),
+    "metal": (MAX_ALBEDO, "metal"),
+    "glass": (1.0, "glass"),
+    "through": (MAX_ALBEDO, "translucency"),
+    "passing": (1.0, "transmittance"),
+}
+_PASSINGS = ("passing", "glossy_passing", "transmission_passing", "shadow_passing")  # by the kind of ray
+_LEAST_TOLD = 2.0 - MAX_ALBEDO  # in place of MAX_ALBEDO: the clamp of white is invisible
 _PIXELS_OF_ROW = 64
 
 
 @dataclass(frozen=True)
-class _Layer:
+class Layer:
     """One quantity of all surfaces: a colour per triangle times an optional image.
 
     tri_rgb      (3, n_tri) float32, already clamped where there is no image
@@ -29,13 +37,50 @@ class _Layer:
     highest      upper limit of the product
     """
 
-    tri_rgb: NDArray[np.float32]
-    tri_image: NDArray[np.int32] | None
-    tri_uv: NDArray[np.float32]
+    tri_rgb: Float32
+    tri_image: Int32 | None
+    tri_uv: Float32
     textures: Textures
     highest: float
 
-    def at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+    @classmethod
+    def of(cls, scene: SceneSnapshot, rgb: Iterable[Rgb], image: Iterable[int], tri_uv: Float32, highest: float) -> Layer:
+        """The layer of each material's colour and image."""
+        material_image = np.array([*image], np.int32)
+        plain = material_image < 0
+        with np.errstate(over="ignore", invalid="ignore"):  # as in `at`
+            material_rgb = np.array([*rgb], np.float64).reshape(-1, 3).astype(np.float32)
+            material_rgb[plain] = clamp_colours(material_rgb[plain], highest)
+            tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
+            tri_image = material_image[scene.tri_material]
+            if not (tri_image >= 0).any():
+                return cls(tri_rgb, None, np.zeros((3, 2, 0), np.float32), Textures([]), highest)
+            return cls(tri_rgb, tri_image, triangle_frames(tri_uv), Textures(scene.images), highest)
+
+    @classmethod
+    def of_quantity(cls, scene: SceneSnapshot, name: str) -> Layer:
+        """The layer of one of _QUANTITIES."""
+        rgb, image = ([getattr(one, f"{name}_{field}") for one in scene.materials] for field in ("rgb", "image"))
+        return cls.of(scene, rgb, image, getattr(scene, f"tri_{name}_uv"), _QUANTITIES[name][0])
+
+    def fill(self, tri: BoolArray, value: float) -> Layer:
+        """The layer with one value on triangles tri (n_tri,)."""
+        if not tri.any():
+            return self
+        image = None if self.tri_image is None else np.where(tri, np.int32(-1), self.tri_image)
+        return replace(self, tri_rgb=np.where(tri, np.float32(value), self.tri_rgb), tri_image=image)
+
+    @property
+    def has_images(self) -> bool:
+        """Whether it varies over any triangle."""
+        return self.tri_image is not None
+
+    def at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> Float32:
+        """Values at points of triangles.
+
+        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
+        out    (n, 3) float32; its transpose is contiguous
+        """
         rgb = gather(self.tri_rgb, tri)
         if self.tri_image is not None:
             image = gather(self.tri_image, tri)
@@ -51,110 +96,53 @@ class _Layer:
 
 
 class SurfaceMaterials:
-    """Albedo, emission and transmittance at points of triangles; a single gather where no image is involved.
+    """The layers of a scene's materials; a value is a single gather where no image is involved.
 
-    tri_seen   (3, 3, n_tri) float32: share of a surface's outgoing light that diffuse, glossy and transmission rays see, by channel; None
-               if all see all
-    by_kind    whether these kinds of rays between surfaces differ in any way
+    albedo        diffuse reflectance, within [0, MAX_ALBEDO]
+    reflectance   the same, but 0 on objects that rays between surfaces do not see: the share of light that other surfaces get
+    metal         the part of the reflectance that a metal reflects specularly
+    through       the part of the reflectance that leaves diffusely on the other side
+    emission      emitted radiance, W/m^2/sr, finite and >= 0
+    glass         tint of light that glass refracts, times the share of the surface that is glass
+    lobes         roughness, and the shares of the surface that are metal and that have a dielectric layer, within [0, 1]
+    tri_glass     (n_tri,) bool: glass that rays between surfaces see
+    tri_through   (n_tri,) bool: translucent triangles, from which light leaves diffusely on the other side too
+    tri_seen      (3, 3, n_tri) float32: share of a surface's outgoing light that diffuse, glossy and transmission rays see, by channel;
+                  None if all see all
+    by_kind       whether these kinds of rays between surfaces differ in any way
     """
 
     def __init__(self, scene: SceneSnapshot) -> None:
         materials = scene.materials
-        self._albedo = _layer(
-            scene, [m.albedo_rgb for m in materials], [m.albedo_image for m in materials], scene.tri_albedo_uv, MAX_ALBEDO
-        )
-        self._emission = _layer(
-            scene, [m.emission_rgb for m in materials], [m.emission_image for m in materials], scene.tri_emission_uv, np.inf
-        )
-        self._metal = _layer(scene, [m.metal_rgb for m in materials], [m.metal_image for m in materials], scene.tri_metal_uv, MAX_ALBEDO)
-        self._glass = _layer(scene, [m.glass_rgb for m in materials], [m.glass_image for m in materials], scene.tri_glass_uv, 1.0)
-        self._through = _layer(
-            scene, [m.through_rgb for m in materials], [m.through_image for m in materials], scene.tri_through_uv, MAX_ALBEDO
-        )
-        lobes = [(m.roughness, m.metal, m.layer) if m.lobe_image < 0 else (1.0, 1.0, 1.0) for m in materials]
-        self._lobes = _layer(scene, lobes, [m.lobe_image for m in materials], scene.tri_lobe_uv, 1.0)
-        of_glass = np.array([any(m.glass_rgb) or any(m.glass_mirror_rgb) for m in materials], bool)
         kinds = find_ray_kinds(materials)
         seen_by = np.array([[one.seen_by[kind] for one in scene.objects] for kind in kinds], bool)
+        unseen = ~seen_by.any(axis=0)[scene.tri_object]
+        self.albedo, self.emission, self.glass = (Layer.of_quantity(scene, name) for name in ("albedo", "emission", "glass"))
+        self.reflectance = self.albedo.fill(unseen, 0.0)
+        self.metal, self.through = (Layer.of_quantity(scene, name).fill(unseen, 0.0) for name in ("metal", "through"))
+        lobes = [(one.roughness, one.metal, one.layer) if one.lobe_image < 0 else (1.0, 1.0, 1.0) for one in materials]
+        self.lobes = Layer.of(scene, lobes, [one.lobe_image for one in materials], scene.tri_lobe_uv, 1.0)
+        of_glass = np.array([any(one.glass_rgb) or any(one.glass_mirror_rgb) for one in materials], bool)
+        self.tri_glass: BoolArray = of_glass[scene.tri_material] & ~unseen
+        self.tri_through: BoolArray = self.through.tri_rgb.any(axis=0)
+        self.has_through = bool(self.tri_through.any())
         self._passing = _layer_passing(scene, kinds, seen_by)
         self.tri_seen = _find_seen(scene, kinds, seen_by)
         self.by_kind = self.tri_seen is not None or any(layer is not self._passing[DIFFUSE] for layer in self._passing[:SHADOW])
-        self._reflecting = self._albedo
-        unseen = ~seen_by.any(axis=0)[scene.tri_object]
-        self._tri_glass: NDArray[np.bool_] = of_glass[scene.tri_material] & ~unseen
-        if unseen.any():
-            self._metal = replace(self._metal, **_fill(self._metal, unseen, 0.0))
-            self._through = replace(self._through, **_fill(self._through, unseen, 0.0))
-            self._reflecting = replace(self._albedo, **_fill(self._albedo, unseen, 0.0))
         back_rgb = np.array([one.back_rgb for one in materials], np.float32).reshape(-1, 3)
         self._tri_back = None if (back_rgb == 1).all() else np.ascontiguousarray(back_rgb[scene.tri_material].T)
         self._views = _Views.of(scene)
-        self._tri_through: NDArray[np.bool_] = self._through.tri_rgb.any(axis=0)
-        self.has_through = bool(self._tri_through.any())
-
-    def has_images(self, emission: bool) -> bool:
-        """Whether the albedo, or the emission, of any triangle varies over it."""
-        return (self._emission if emission else self._albedo).tri_image is not None
 
     @property
     def reflects(self) -> bool:
         """Whether any triangle reflects or refracts light."""
-        return bool(self._reflecting.tri_rgb.any() or self._tri_glass.any())
+        return bool(self.reflectance.tri_rgb.any() or self.tri_glass.any())
 
-    def albedo_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Diffuse reflectance, within [0, MAX_ALBEDO].
-
-        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
-        out    (n, 3) float32; its transpose is contiguous
-        """
-        return self._albedo.at(tri, u, v)
-
-    def reflectance_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """As albedo_at, but 0 on objects that rays between surfaces do not see: the share of light that other surfaces get."""
-        return self._reflecting.at(tri, u, v)
-
-    def emission_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Emitted radiance, W/m^2/sr, finite and >= 0.
-
-        tri    (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
-        out    (n, 3) float32; its transpose is contiguous
-        """
-        return self._emission.at(tri, u, v)
-
-    def metal_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """The part of reflectance_at that a metal reflects specularly; arguments are as for albedo_at."""
-        return self._metal.at(tri, u, v)
-
-    @property
-    def has_lobe_images(self) -> bool:
-        """Whether roughness or shares vary over any triangle."""
-        return self._lobes.tri_image is not None
-
-    def lobes_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """(n, 3): roughness, and the shares of the surface that are metal and that have a dielectric layer, within [0, 1]."""
-        return self._lobes.at(tri, u, v)
-
-    def through_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """The part of reflectance_at that leaves diffusely on the other side; arguments are as for albedo_at."""
-        return self._through.at(tri, u, v)
-
-    def find_through(self) -> NDArray[np.bool_]:
-        """(n_tri,) bool: translucent triangles, from which light leaves diffusely on the other side too."""
-        return self._tri_through
-
-    def glass_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Tint of light that glass refracts, times the share of the surface that is glass; arguments are as for albedo_at."""
-        return self._glass.at(tri, u, v)
-
-    def find_glass(self) -> NDArray[np.bool_]:
-        """(n_tri,) bool: triangles of glass that rays between surfaces see."""
-        return self._tri_glass
-
-    def dim_back(self, tri: IntArray, is_front: NDArray[np.bool_]) -> NDArray[np.float32] | None:
+    def dim_back(self, tri: IntArray, is_front: BoolArray) -> Float32 | None:
         """(3, n): factors on what triangles (n,) reflect of light on their fronts, is_front (n,), or backs; None where all are 1."""
         return None if self._tri_back is None else np.where(is_front, np.float32(1), gather(self._tri_back, tri))
 
-    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, kind: int, toward: FloatArray) -> NDArray[np.float32]:
+    def passing_at(self, tri: IntArray, u: FloatArray, v: FloatArray, kind: int, toward: FloatArray) -> Float32:
         """Share of light that goes straight on through a surface, within [0, 1].
 
         tri      (n,) int      u, v   (n,) float, barycentric weights of corners 1 and 2
@@ -170,7 +158,7 @@ class SurfaceMaterials:
         """Whether the transmittance of any surface for light from lamps differs from that for diffuse rays between surfaces."""
         return self._passing[SHADOW] is not self._passing[DIFFUSE]
 
-    def find_passing(self, kind: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def find_passing(self, kind: int) -> tuple[BoolArray, BoolArray]:
         """(n_tri,) bool each: triangles that light may pass through, and those that transmit all light everywhere."""
         layer = self._passing[kind]
         passes, whole = layer.tri_rgb.any(axis=0), (layer.tri_rgb == 1).all(axis=0)
@@ -178,9 +166,9 @@ class SurfaceMaterials:
             whole &= self._views.tri_row < 0
         return passes, whole if layer.tri_image is None else whole & (layer.tri_image < 0)
 
-    def find_void(self) -> NDArray[np.bool_]:
+    def find_void(self) -> BoolArray:
         """(n_tri,) bool: triangles that have no effect on light."""
-        void: NDArray[np.bool_] = ~(self._reflecting.tri_rgb.any(axis=0) | self._tri_glass)
+        void: BoolArray = ~(self.reflectance.tri_rgb.any(axis=0) | self.tri_glass)
         for kind in RAY_KINDS:
             void &= self.find_passing(kind)[1]
         return void
@@ -195,9 +183,9 @@ class _Views:
     factor    (n_row, 2, k) float32
     """
 
-    tri_row: NDArray[np.int32]
-    normal: NDArray[np.float32]
-    factor: NDArray[np.float32]
+    tri_row: Int32
+    normal: Float32
+    factor: Float32
 
     @classmethod
     def of(cls, scene: SceneSnapshot) -> _Views | None:
@@ -210,7 +198,7 @@ class _Views:
         normal = np.ascontiguousarray(triangle_normals_areas(scene.tri_position)[0].T, np.float32)
         return cls(row[scene.tri_material], normal, factor)
 
-    def look_up(self, tri: IntArray, toward: FloatArray) -> NDArray[np.float32]:
+    def look_up(self, tri: IntArray, toward: FloatArray) -> Float32:
         """(n,): factors of triangles (n,) for light that goes on in directions (3, n), unit."""
         row = gather(self.tri_row, tri)
         cosine = np.einsum("kn,kn->n", gather(self.normal, tri), toward)
@@ -232,46 +220,35 @@ def find_ray_kinds(materials: Sequence[Material]) -> tuple[int, int, int]:
     return DIFFUSE, GLOSSY if shines else DIFFUSE, TRANSMISSION if bends else DIFFUSE
 
 
-def _layer_passing(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArray[np.bool_]) -> list[_Layer]:
+def _layer_passing(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: BoolArray) -> list[Layer]:
     """Transmittances for the kinds of rays between surfaces, and for shadow rays; equal ones are the same object.
 
     seen_by   (3, n_object) bool
     """
-
-    def make(name: str) -> _Layer:
-        of_kind = [
-            (one.passing_rgb, one.passing_image)
-            if getattr(one, f"{name}passing_rgb") is None
-            else (getattr(one, f"{name}passing_rgb"), getattr(one, f"{name}passing_image"))
-            for one in scene.materials
-        ]
-        return _layer(scene, [rgb for rgb, _ in of_kind], [image for _, image in of_kind], scene.tri_passing_uv, 1.0)
-
-    def open_for(layer: _Layer, unseen: NDArray[np.bool_]) -> _Layer:
-        return replace(layer, **_fill(layer, unseen[scene.tri_object], 1.0)) if unseen.any() else layer
-
-    plain = make("")
-    layers = [open_for(plain, ~seen_by[DIFFUSE])]
-    for kind, name in ((GLOSSY, "glossy_"), (TRANSMISSION, "transmission_")):
-        differs = any(getattr(one, f"{name}passing_rgb") is not None for one in scene.materials)
-        if kinds[kind] == DIFFUSE or not (differs or (seen_by[kind] != seen_by[DIFFUSE]).any()):
+    plain, layers = Layer.of_quantity(scene, "passing"), list[Layer]()
+    opened = [*~seen_by, np.array([not one.casts_shadow for one in scene.objects], bool)]
+    for kind, through in zip((*kinds, SHADOW), opened, strict=True):
+        own = [_PASSINGS[kind] if getattr(one, f"{_PASSINGS[kind]}_rgb") is not None else "passing" for one in scene.materials]
+        differs = any(name != "passing" for name in own)
+        if layers and not differs and np.array_equal(through, opened[DIFFUSE]):
             layers.append(layers[DIFFUSE])
-        else:
-            layers.append(open_for(make(name) if differs else plain, ~seen_by[kind]))
-    shadowless = np.array([not one.casts_shadow for one in scene.objects], bool)
-    differs = any(one.shadow_passing_rgb is not None for one in scene.materials)
-    if not differs and np.array_equal(shadowless, ~seen_by[DIFFUSE]):
-        return [*layers, layers[DIFFUSE]]
-    return [*layers, open_for(make("shadow_") if differs else plain, shadowless)]
+            continue
+        layer = plain
+        if differs:
+            named = list(zip(scene.materials, own, strict=True))
+            rgb, image = ([getattr(one, f"{name}_{field}") for one, name in named] for field in ("rgb", "image"))
+            layer = Layer.of(scene, rgb, image, scene.tri_passing_uv, plain.highest)
+        layers.append(layer.fill(through[scene.tri_object], 1.0))
+    return layers
 
 
-def _find_seen(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: NDArray[np.bool_]) -> NDArray[np.float32] | None:
+def _find_seen(scene: SceneSnapshot, kinds: tuple[int, int, int], seen_by: BoolArray) -> Float32 | None:
     """SurfaceMaterials.tri_seen; 1 for objects that no ray sees, whose reflectance is 0 already."""
     partly = seen_by.any(axis=0) & ~seen_by.all(axis=0)
     if not partly.any() and all(one.seen_rgb == SEEN_BY_ALL for one in scene.materials):
         return None
     of_material = np.array([[one.seen_rgb[kind] for kind in kinds] for one in scene.materials], np.float32).transpose(1, 2, 0)
-    seen: NDArray[np.float32] = of_material[..., scene.tri_material]
+    seen: Float32 = of_material[..., scene.tri_material]
     seen[:, :, partly[scene.tri_object]] *= seen_by[:, None, scene.tri_object][:, :, partly[scene.tri_object]]
     return None if (seen == 1).all() else np.ascontiguousarray(seen)
 
@@ -283,14 +260,8 @@ def clamp_warnings(scene: SceneSnapshot) -> list[tuple[str, str]]:
 
 def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> list[str]:
     sentences = []
-    for quantity, rgb, image, tri_uv, highest in (
-        ("albedo", material.albedo_rgb, material.albedo_image, scene.tri_albedo_uv, MAX_ALBEDO),
-        ("emission", material.emission_rgb, material.emission_image, scene.tri_emission_uv, _MAX_EMISSION),
-        ("metal", material.metal_rgb, material.metal_image, scene.tri_metal_uv, MAX_ALBEDO),
-        ("glass", material.glass_rgb, material.glass_image, scene.tri_glass_uv, 1.0),
-        ("translucency", material.through_rgb, material.through_image, scene.tri_through_uv, MAX_ALBEDO),
-        ("transmittance", material.passing_rgb, material.passing_image, scene.tri_passing_uv, 1.0),
-    ):
+    for name, (highest, quantity) in _QUANTITIES.items():
+        rgb, image, tri_uv = getattr(material, f"{name}_rgb"), getattr(material, f"{name}_image"), getattr(scene, f"tri_{name}_uv")
         low, high = (np.array(rgb, np.float64),) * 2
         where = ""
         if image >= 0:
@@ -302,7 +273,7 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
             where = f" with {'' if picture.per_triangle else 'image '}{picture.name}"
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             sentences.append(f"{material.name}: its {quantity}{where} is not a finite number and counts as 0; correct the value.")
-        elif low.min() < 0 or high.max() > _LEAST_TOLD.get(quantity, highest):
+        elif low.min() < 0 or high.max() > (_LEAST_TOLD if highest == MAX_ALBEDO else highest):
             sentences.append(
                 f"{material.name}: its {quantity}{where} reaches from {low.min():.4g} to {high.max():.4g} and is clamped to "
                 f"0 ... {highest:.4g}; choose values within."
@@ -310,31 +281,9 @@ def _material_warnings(scene: SceneSnapshot, index: int, material: Material) -> 
     return sentences
 
 
-def _find_ends(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _find_ends(pixels: Float32) -> tuple[Float32, Float32]:
     """Least and greatest (3,) of pixels (n, 3), n > 0; numpy is ten times as fast on rows of many pixels as on three numbers."""
     whole = len(pixels) // _PIXELS_OF_ROW * _PIXELS_OF_ROW
     parts = [pixels[:whole].reshape(-1, 3 * _PIXELS_OF_ROW), pixels[whole:].reshape(-1, 3)]
     ends = [[find(part, axis=0).reshape(-1, 3) for part in parts if len(part)] for find in (np.min, np.max)]
     return np.concatenate(ends[0]).min(axis=0), np.concatenate(ends[1]).max(axis=0)
-
-
-def _fill(layer: _Layer, tri: NDArray[np.bool_], value: float) -> dict[str, Any]:
-    """The arrays of a layer with one value on triangles tri (n_tri,) bool."""
-    image = None if layer.tri_image is None else np.where(tri, np.int32(-1), layer.tri_image)
-    return {"tri_rgb": np.where(tri, np.float32(value), layer.tri_rgb), "tri_image": image}
-
-
-def _layer(
-    scene: SceneSnapshot, rgb: list[tuple[float, float, float]], image: list[int], tri_uv: NDArray[np.float32], highest: float
-) -> _Layer:
-    with np.errstate(over="ignore"):
-        material_rgb = np.array(rgb, np.float64).reshape(-1, 3).astype(np.float32)
-    material_image = np.array(image, np.int32)
-    plain = material_image < 0
-    material_rgb[plain] = clamp_colours(material_rgb[plain], highest)
-    tri_image = material_image[scene.tri_material]
-    tri_rgb = np.ascontiguousarray(material_rgb[scene.tri_material].T)
-    if not (tri_image >= 0).any():
-        return _Layer(tri_rgb, None, np.zeros((3, 2, 0), np.float32), Textures([]), highest)
-    with np.errstate(over="ignore", invalid="ignore"):  # as in _Layer.at
-        return _Layer(tri_rgb, tri_image, triangle_frames(tri_uv), Textures(scene.images), highest)

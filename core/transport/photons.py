@@ -266,7 +266,7 @@ def _meet(
         whole, glossy = replace(whole, flux=whole.flux * back), replace(glossy, flux=glossy.flux * back)
     splits = skip_first and not depth
     copies = _count_parts(splits)
-    albedo, mirrored, row = scene.surfaces.reflectance_at(index, u, v).T, None, None
+    albedo, mirrored, row = scene.surfaces.reflectance.at(index, u, v).T, None, None
     if scene.gloss:
         mirrored = reflect_photons(scene, glossy, index, cosine, depth == 0, copies, rng)
         albedo, row = scene.gloss.find_diffuse(index, u, v, albedo)
@@ -282,7 +282,7 @@ def _meet(
             log.mirrored += bent.power - refracted
             log.refracted += refracted
             landed = landed - bent.power
-    through = scene.surfaces.through_at(index, u, v).T / np.maximum(albedo, _TINY) if scene.surfaces.has_through else None
+    through = scene.surfaces.through.at(index, u, v).T / np.maximum(albedo, _TINY) if scene.surfaces.has_through else None
     if worth is not None:
         albedo = albedo * worth
     if back is not None:

@@ -41,7 +41,7 @@ def shade_view(stage: Stage, view: View, irradiance: np.ndarray) -> np.ndarray:
     surfaces, seen = stage.tracing.scene.surfaces, view.entry >= 0
     tri, u, v = view.tri[seen], view.u[seen], view.v[seen]
     picture = np.zeros((*view.tri.shape, 3))
-    picture[seen] = surfaces.albedo_at(tri, u, v) * irradiance[view.entry[seen]] / np.pi + surfaces.emission_at(tri, u, v)
+    picture[seen] = surfaces.albedo.at(tri, u, v) * irradiance[view.entry[seen]] / np.pi + surfaces.emission.at(tri, u, v)
     return picture
 
 

@@ -201,10 +201,10 @@ def make_painted(name, kind="VertexColor", layer="", target="Base Color", output
     return material, node
 
 
-def shown(result, name, quantity="albedo_at", u=1 / 3, v=1 / 3):
+def shown(result, name, quantity="albedo", u=1 / 3, v=1 / 3):
     """What surfaces of an object show within their triangles."""
     tri = np.flatnonzero(result.snapshot.tri_object == [item.name for item in result.snapshot.objects].index(name))
-    return getattr(SurfaceMaterials(result.snapshot), quantity)(tri, np.full(len(tri), u, np.float32), np.full(len(tri), v, np.float32))
+    return getattr(SurfaceMaterials(result.snapshot), quantity).at(tri, np.full(len(tri), u, np.float32), np.full(len(tri), v, np.float32))
 
 
 def within(result, name, color, u=1 / 3, v=1 / 3):
@@ -259,7 +259,7 @@ def test_vertex_colours_of_faces_and_of_lamps(node):
     add_quads("Lamp", lamp)
     result = export()
     assert shown(result, "Faces") == pytest.approx(within(result, "Faces", color), abs=2e-6)
-    assert shown(result, "Lamp", "emission_at") == pytest.approx(5 * within(result, "Lamp", lamp_color), abs=2e-5)
+    assert shown(result, "Lamp", "emission") == pytest.approx(5 * within(result, "Lamp", lamp_color), abs=2e-5)
 
 
 def test_an_attribute_as_a_number_is_the_average_of_its_channels():

@@ -54,7 +54,7 @@ def read_glow():
     tri = np.where(x + y < 1.0, 0, 1)
     corner = {0: (1.0 - x - y, x), 1: (1.0 - y, x + y - 1.0)}  # weights of the first two corners
     weight = [np.where(tri == 0, corner[0][k], corner[1][k]).ravel() for k in (0, 1)]
-    glow = SurfaceMaterials(result.snapshot).emission_at(tri.ravel(), weight[1], 1.0 - weight[0] - weight[1])
+    glow = SurfaceMaterials(result.snapshot).emission.at(tri.ravel(), weight[1], 1.0 - weight[0] - weight[1])
     return glow.reshape(SIDE, SIDE, 3), dict(result.warnings).get("Glow", "")
 
 

@@ -42,7 +42,7 @@ def read_glow():
     result = export_scene(bpy.context)
     snapshot = result.snapshot
     tri = np.array([np.flatnonzero(snapshot.tri_object == i)[0] for i in range(len(snapshot.objects))])
-    glow = SurfaceMaterials(snapshot).emission_at(tri, np.full(len(tri), 0.3, np.float32), np.full(len(tri), 0.3, np.float32))
+    glow = SurfaceMaterials(snapshot).emission.at(tri, np.full(len(tri), 0.3, np.float32), np.full(len(tri), 0.3, np.float32))
     return dict(zip([one.name for one in snapshot.objects], glow.tolist(), strict=True)), dict(result.warnings).get("Glow", "")
 
 

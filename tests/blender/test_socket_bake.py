@@ -46,7 +46,7 @@ def probe(result, name, places, emission=False):
     number = [one.name for one in snapshot.objects].index(name)
     tri = np.flatnonzero(snapshot.tri_object == number)
     surfaces = SurfaceMaterials(snapshot)
-    read = surfaces.emission_at if emission else surfaces.albedo_at
+    read = surfaces.emission.at if emission else surfaces.albedo.at
     out = []
     for place in places:
         for one in tri:

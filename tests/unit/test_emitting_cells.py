@@ -31,7 +31,7 @@ def spread_of_estimates(scene: SceneSnapshot, count: int = 100_000) -> tuple[flo
     chance = cells.importance / cells.importance.sum()
     cell = rng.choice(len(chance), count, p=chance)
     tri, barycentric = cells.place(cell, rng.random((count, 2)))
-    radiance = weigh_channels(SurfaceMaterials(scene).emission_at(tri, barycentric[:, 0], barycentric[:, 1]))
+    radiance = weigh_channels(SurfaceMaterials(scene).emission.at(tri, barycentric[:, 0], barycentric[:, 1]))
     found = radiance * cells.area_m2[cell] / chance[cell]
     return float(found.mean()), float(found.std())
 

@@ -116,7 +116,7 @@ def test_what_rays_meet_sends_its_own_light_of_each_channel_and_its_own_doubt(tm
     origin = tracing.unit_box.to_unit(places_of(solver)[ray]) + 1e-5 * normal
     hit = tracing.scene.rays.closest(origin.astype(np.float32), direction.astype(np.float32))
     entry = texels.entry_of(hit.tri, *texels.hit_texel_xy(hit.tri, hit.u, hit.v))
-    albedo = tracing.scene.surfaces.albedo_at(hit.tri, hit.u, hit.v)
+    albedo = tracing.scene.surfaces.albedo.at(hit.tri, hit.u, hit.v)
     sent = np.column_stack([albedo * light[:, entry].T, albedo.mean(axis=1) * doubt[entry]]).reshape(len(texel), -1, 4)
     mean, chance = sent.mean(axis=1), sent.std(axis=1) / np.sqrt(1000)
     mine = np.column_stack([found.irradiance_rgb, found.doubt[:, 1]])[texel]

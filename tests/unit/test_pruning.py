@@ -111,9 +111,9 @@ def test_a_texture_of_one_colour_is_no_texture(pixels, extension, rgb, folded):
     pruned, counts = prune_scene(scene)
     assert counts["textures_of_one_colour"] == (2 if folded else 0)
     before, after = SurfaceMaterials(scene), SurfaceMaterials(pruned)
-    assert before.has_images(False)
-    assert after.has_images(False) is after.has_images(True) is not folded
+    assert before.albedo.has_images
+    assert after.albedo.has_images is after.emission.has_images is not folded
     rng = np.random.default_rng(7)
     tri, (u, v) = rng.integers(0, scene.n_tri, 50), rng.random((2, 50), np.float32) / 2
-    assert after.albedo_at(tri, u, v) == pytest.approx(before.albedo_at(tri, u, v), rel=1e-6)
-    assert after.emission_at(tri, u, v) == pytest.approx(before.emission_at(tri, u, v), rel=1e-6)
+    assert after.albedo.at(tri, u, v) == pytest.approx(before.albedo.at(tri, u, v), rel=1e-6)
+    assert after.emission.at(tri, u, v) == pytest.approx(before.emission.at(tri, u, v), rel=1e-6)
