@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from functools import partial
-from itertools import islice
+from itertools import islice, starmap
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -111,8 +111,6 @@ class BusyTime:
 
 class InlineExecutor(Executor):
     """Runs each call at once, in this process: the executor of a single worker."""
-
-    most_ahead = 0  # calls worth submitting before a result is read
 
     def __init__(self) -> None:
         self.busy = BusyTime()
@@ -236,21 +234,9 @@ def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, 
 
     Processes of this machine run them, not threads: with numpy's brief calls on short arrays, threads slow each other down.
     """
-    local = executor if isinstance(executor, LocalExecutor) else InlineExecutor()
-    begun = (local.submit(fn, *arguments) for arguments in calls)
-    ahead = deque(islice(begun, local.most_ahead))
-
-    def answer() -> Iterator[T]:
-        try:
-            ahead.extend(islice(begun, 1))
-            while ahead:
-                yield ahead.popleft().result()
-                ahead.extend(islice(begun, 1))
-        finally:
-            for call in ahead:  # the reader stopped early
-                call.cancel()
-
-    return answer()
+    if not isinstance(executor, LocalExecutor):
+        return starmap(fn, calls)
+    return _Answers((executor.submit(fn, *arguments) for arguments in calls), executor.most_ahead)
 
 
 class _Call(Future[Any]):
@@ -267,21 +253,20 @@ class _Call(Future[Any]):
 
 
 class _Answers(Iterator[T]):
-    """Results of calls in order; closing it cancels the rest, even before the first was read."""
+    """Results of calls in order, made so many ahead. When it is dropped, the rest is cancelled, even before the first was read."""
 
-    def __init__(self, calls: Iterable[Future[T]]) -> None:
-        self._calls = deque(calls)
+    def __init__(self, calls: Iterator[Future[T]], most_ahead: int | None = None) -> None:
+        self._calls, self._begun = calls, deque[Future[T]]()
+        self._begun.extend(islice(calls, most_ahead))
 
     def __next__(self) -> T:
-        if not self._calls:
+        self._begun.extend(islice(self._calls, 1))
+        if not self._begun:
             raise StopIteration
-        return self._calls.popleft().result()
+        return self._begun.popleft().result()
 
     def __del__(self) -> None:
-        self.close()
-
-    def close(self) -> None:
-        for call in self._calls:
+        for call in self._begun:
             call.cancel()
 
 
@@ -342,7 +327,7 @@ class LocalExecutor(Executor):
 
     def map(self, fn: Callable[..., T], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1) -> Iterator[T]:
         """Submit all calls at once."""
-        return _Answers([self.submit(fn, *arguments) for arguments in zip(*iterables, strict=False)])
+        return _Answers(self.submit(fn, *arguments) for arguments in zip(*iterables, strict=False))
 
     def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
         """As the function set_apart."""
