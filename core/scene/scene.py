@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..util.arrays import BoolArray, Float32, Float64, Int32
+from ..util.arrays import BoolArray, Float32, Float64, Int32, Int64
 
 Rgb: TypeAlias = tuple[float, float, float]
 # Kinds of rays as in Cycles, which traces from the receiver: by how a ray left the last surface. SHADOW rays go toward lamps.
@@ -27,6 +27,19 @@ TEXTURE_UVS = {
     "tri_glass_uv": ("glass_image",),
     "tri_through_uv": ("through_image",),
     "tri_lobe_uv": ("lobe_image",),
+}
+# The arrays of a SceneSnapshot: shape of a row, one for each triangle, or vertex; and whether its numbers are floats or integers.
+ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
+    "vertex_position": ((3,), "f"),
+    "tri_vertex": ((3,), "i"),
+    "tri_object": ((), "i"),
+    "tri_material": ((), "i"),
+    "tri_polygon": ((), "i"),
+    "tri_corner": ((3,), "i"),
+    "tri_normal": ((3, 3), "f"),
+    "tri_uv": ((3, 2), "f"),
+    **dict.fromkeys(TEXTURE_UVS, ((3, 2), "f")),
+    "tri_tangents": ((3, 3, 3), "f"),
 }
 
 
@@ -233,6 +246,11 @@ class SceneSnapshot:
         """(n_tri, 3, 3) float64, m: corner positions."""
         return self.vertex_position[self.tri_vertex]
 
+    @property
+    def first_tri(self) -> Int64:
+        """(n_object + 1,) int64: triangles of object i are first_tri[i]:first_tri[i + 1]."""
+        return np.searchsorted(self.tri_object, np.arange(len(self.objects) + 1))
+
 
 def swap_corners(values: NDArray[Any], tri_turned: BoolArray) -> NDArray[Any]:
     """A copy of values (n_tri, 3, ...) at corners, with corners 1 and 2 of triangles tri_turned (n_tri,) bool exchanged."""
@@ -243,20 +261,10 @@ def swap_corners(values: NDArray[Any], tri_turned: BoolArray) -> NDArray[Any]:
 
 def _first_error(scene: SceneSnapshot) -> str:
     n_tri = len(scene.tri_vertex)
-    shapes = {
-        "vertex_position": (len(scene.vertex_position), 3),
-        "tri_vertex": (n_tri, 3),
-        "tri_object": (n_tri,),
-        "tri_material": (n_tri,),
-        "tri_polygon": (n_tri,),
-        "tri_corner": (n_tri, 3),
-        "tri_normal": (n_tri, 3, 3),
-        "tri_uv": (n_tri, 3, 2),
-        **dict.fromkeys(TEXTURE_UVS, (n_tri, 3, 2)),
-        "tri_tangents": (n_tri if any(one.normal_strength is not None for one in scene.materials) else len(scene.tri_tangents), 3, 3, 3),
-    }
-    for name, expected in shapes.items():
+    free = ["vertex_position", *(["tri_tangents"] if all(one.normal_strength is None for one in scene.materials) else [])]
+    for name, (row, _) in ARRAYS.items():
         found = getattr(scene, name).shape
+        expected = (found[0] if name in free and found else n_tri, *row)
         if found != expected:
             return f"{name}: expected shape {expected}, got {found}"
     ranges = (("tri_vertex", len(scene.vertex_position)), ("tri_object", len(scene.objects)), ("tri_material", len(scene.materials)))

@@ -16,24 +16,12 @@ from ..util.arrays import Float32
 from ..util.digest import hash_code, hash_pieces
 from ..util.files import write_arrays
 from ..util.job import Job
-from .scene import TEXTURE_UVS, Light, Material, SceneObject, SceneSnapshot, TextureImage
+from .scene import ARRAYS, Light, Material, SceneObject, SceneSnapshot, TextureImage
 
 FORMAT = "leaflight-snapshot"
 FORMAT_VERSION = 11
 _HEADER, _IMAGE, _WORLD_MAP, _PROFILE = "header", "image_", "world_map", "profile_"
 _DAMAGED = (zipfile.BadZipFile, ValueError, EOFError, KeyError, AttributeError, TypeError)
-_ARRAYS = (
-    "vertex_position",
-    "tri_vertex",
-    "tri_object",
-    "tri_material",
-    "tri_polygon",
-    "tri_corner",
-    "tri_normal",
-    "tri_uv",
-    *TEXTURE_UVS,
-    "tri_tangents",
-)
 
 
 def save_snapshot(path: str | Path, snapshot: SceneSnapshot) -> None:
@@ -65,7 +53,7 @@ def describe_snapshot(snapshot: SceneSnapshot) -> dict[str, Any]:
 
 def list_arrays(snapshot: SceneSnapshot) -> dict[str, NDArray[Any]]:
     """The arrays of a snapshot, including images."""
-    arrays = {name: getattr(snapshot, name) for name in _ARRAYS}
+    arrays = {name: getattr(snapshot, name) for name in ARRAYS}
     if snapshot.world_map is not None:
         arrays[_WORLD_MAP] = snapshot.world_map
     arrays |= {f"{_PROFILE}{index}": profile for index, profile in enumerate(snapshot.profiles)}
@@ -80,9 +68,16 @@ def load_snapshot(path: str | Path) -> SceneSnapshot:
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files if not name.startswith(_IMAGE)}
+        header = json.loads(arrays[_HEADER].tobytes())
+        if header["format"] != FORMAT:
+            raise ValueError(f"its format is {header['format']!r}")
+        version = header["version"]
     except _DAMAGED as reason:
         raise ValueError(f"{path}: is not a Leaflight snapshot or is damaged ({reason}); export the scene again.") from reason
-    header = _read_header(path, arrays)
+    if version != FORMAT_VERSION:
+        raise ValueError(
+            f"{path}: holds snapshot version {version}, this Leaflight reads version {FORMAT_VERSION}; export the scene again."
+        )
     try:
         return _build_snapshot(header, arrays, _read_pictures(path, header["images"]))
     except _DAMAGED as reason:
@@ -106,21 +101,6 @@ def _read_pictures(path: str | Path, described: Sequence[Mapping[str, Any]]) -> 
     return pictures
 
 
-def _read_header(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    try:
-        header = json.loads(arrays[_HEADER].tobytes())
-        if header["format"] != FORMAT:
-            raise ValueError(f"its format is {header['format']!r}")
-        version = header["version"]
-    except (KeyError, TypeError, ValueError) as reason:
-        raise ValueError(f"{path}: is not a Leaflight snapshot or is damaged ({reason}); export the scene again.") from reason
-    if version != FORMAT_VERSION:
-        raise ValueError(
-            f"{path}: holds snapshot version {version}, this Leaflight reads version {FORMAT_VERSION}; export the scene again."
-        )
-    return header
-
-
 def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], pictures: Sequence[Float32]) -> SceneSnapshot:
     described = ({name: value for name, value in entry.items() if name != "shape"} for entry in header["images"])
     images = tuple(TextureImage(pixels=pixels, **entry) for pixels, entry in zip(pictures, described, strict=True))
@@ -128,7 +108,7 @@ def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     materials = tuple(Material(**_frozen(entry)) for entry in header["materials"])
     lights = tuple(Light(**_frozen(entry)) for entry in header["lights"])
     snapshot = SceneSnapshot(
-        **{name: arrays[name] for name in _ARRAYS},
+        **{name: arrays[name] for name in ARRAYS},
         objects=objects,
         materials=materials,
         images=images,
@@ -139,8 +119,7 @@ def _build_snapshot(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     )
     if snapshot.world_map is not None and snapshot.world_map.dtype != np.float32:
         raise ValueError(f"{_WORLD_MAP}: expected float32, got {snapshot.world_map.dtype}")
-    for name in _ARRAYS:
-        kind = "f" if name in ("vertex_position", "tri_normal", "tri_tangents") or name.endswith("uv") else "i"
+    for name, (_, kind) in ARRAYS.items():
         if arrays[name].dtype.kind != kind:
             raise ValueError(f"{name}: expected numbers of kind {kind!r}, got {arrays[name].dtype}")
     return snapshot
