@@ -87,7 +87,7 @@ class _Search:
         self.uv = np.zeros((snapshot.n_tri, 3, 2))
         self.shared = np.zeros((snapshot.n_tri, 3), bool)
         self._vertex = join_open_sides(snapshot.vertex_position, snapshot.tri_vertex, snapshot.tri_object)
-        self._start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+        self._start = snapshot.first_tri
         self._owner_of = self._find_owners()
         self._unwrapped: dict[int, tuple[Int64, Float64, BoolArray]] = {}  # charts by their owner
         owners = [self._owner_of.get(i, (i, 1.0))[0] for i in self._unlayered()]

@@ -110,7 +110,7 @@ class _AtlasMaker:
         self.found = find_charts(self.snapshot, settings.share_meshes, watch, kept)
         self.warnings: list[tuple[str, str]] = []
         count = len(snapshot.objects)
-        self.start = np.searchsorted(snapshot.tri_object, np.arange(count + 1))
+        self.start = snapshot.first_tri
         self.uv = np.zeros((snapshot.n_tri, 3, 2))
         self.density = np.full(count, settings.density)
         self.object_page = np.full(count, -1, np.int32)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene.topology import join_sets, pair_corners
+from ..scene.topology import join_sets, pair_corners, pair_sides
 from ..util.arrays import BoolArray, Float64, Int32, Int64, IntArray
 from ..util.coverage import find_row_spans
 
@@ -38,44 +38,19 @@ def label_charts(
     out          (n,) int64 chart, 0, 1, ... in order of its first triangle, or -1; (n, 3) bool whether side k, which starts at corner k, is
                  shared within its chart
     """
-    n_tri = len(tri_vertex)
-    low, high = tri_vertex, np.roll(tri_vertex, -1, axis=1)
-    swap = low > high
-    end_uv = np.concatenate([tri_uv, np.roll(tri_uv, -1, axis=1)], axis=2)
-    end_uv = np.where(swap[..., None], end_uv[..., [2, 3, 0, 1]], end_uv).reshape(-1, 4)
-    order, is_one_edge = _order_sides(np.minimum(low, high).ravel(), np.maximum(low, high).ravel(), np.repeat(tri_group, 3), end_uv)
-    here, after = order[:-1], order[1:]
-    near = np.repeat(np.broadcast_to(same_uv, n_tri), 3)[:, None]
-    same = is_one_edge & (np.abs(end_uv[here] - end_uv[after]) <= near[here]).all(axis=1)
-    shared = np.zeros(3 * n_tri, bool)
-    shared[here[same]] = shared[after[same]] = True
-    one, other = pair_corners(tri_corner, tri_group >= 0)
-    together = tri_group[one // 3] == tri_group[other // 3]
-    joined = [np.concatenate(ends) // 3 for ends in ((here[same], one[together]), (after[same], other[together]))]
-    label = join_sets(n_tri, *joined)
-    chart = np.full(n_tri, -1, np.int64)
+    ends, one, other = pair_sides(tri_vertex, tri_group, tri_uv)
+    end_uv, near = tri_uv.reshape(-1, 2)[ends], np.broadcast_to(same_uv, len(tri_vertex))[one // 3]
+    same = (np.abs(end_uv[:, one] - end_uv[:, other]) <= near[:, None]).all(axis=(0, 2))
+    one, other = one[same], other[same]
+    shared = np.zeros(tri_vertex.size, bool)
+    shared[one] = shared[other] = True
+    corner, twin = pair_corners(tri_corner, tri_group >= 0)
+    together = tri_group[corner // 3] == tri_group[twin // 3]
+    label = join_sets(len(tri_vertex), np.append(one, corner[together]) // 3, np.append(other, twin[together]) // 3)
+    chart = np.full(len(tri_vertex), -1, np.int64)
     used = tri_group >= 0
     chart[used] = np.unique(label[used], return_inverse=True)[1].ravel()
     return chart, shared.reshape(-1, 3)
-
-
-def _order_sides(low: IntArray, high: IntArray, group: IntArray, end_uv: Float64) -> tuple[Int64, BoolArray]:
-    """Sides ordered by group and edge, and by UV if an edge has more than two, without those of no group; and whether each but the last has
-    the edge of the next one.
-
-    low, high   (m,) int, of vertices
-    group       (m,) int, -1 for sides that are left out
-    end_uv      (m, 4) float64
-    """
-    edge = low.astype(np.int64) * (int(high.max(initial=0)) + 1) + high  # one number is sorted faster than two
-    order = np.lexsort((edge, group))[np.count_nonzero(group < 0) :]
-    here, after = order[:-1], order[1:]
-    is_one_edge: BoolArray = (edge[here] == edge[after]) & (group[here] == group[after])
-    run = np.cumsum(np.append(np.zeros(len(order[:1]), bool), ~is_one_edge))
-    crowded = np.flatnonzero(np.bincount(run)[run] > 2) if len(run) else run
-    rows = order[crowded]
-    order[crowded] = rows[np.lexsort((end_uv[rows, 1], end_uv[rows, 0], run[crowded]))]
-    return order, is_one_edge
 
 
 def signed_areas(tri_uv: Float64) -> Float64:

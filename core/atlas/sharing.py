@@ -7,6 +7,7 @@ from bisect import bisect_left, insort
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
+from itertools import pairwise
 from operator import itemgetter
 
 import numpy as np
@@ -38,8 +39,7 @@ class Block:
 
 def find_blocks(snapshot: SceneSnapshot) -> list[Block]:
     """All blocks of a scene. An object whose mesh is shared is in none if no other object fits it."""
-    start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
-    rows = [slice(int(start[i]), int(start[i + 1])) for i in range(len(snapshot.objects))]
+    rows = [slice(*ends) for ends in pairwise(snapshot.first_tri.tolist())]
     sharing: dict[tuple[int, bytes], list[int]] = {}
     for i, one in enumerate(snapshot.objects):
         if one.mesh >= 0 and one.receives and not one.has_layer:
@@ -68,7 +68,7 @@ def find_copies(snapshot: SceneSnapshot, tri_vertex: IntArray, objects: list[int
 
     tri_vertex   (n_tri, 3) int   vertices; objects have none in common
     """
-    start = np.searchsorted(snapshot.tri_object, np.arange(len(snapshot.objects) + 1))
+    start = snapshot.first_tri
     alike: dict[bytes, list[int]] = {}
     for i in (i for i in objects if start[i] < start[i + 1]):
         rows = slice(int(start[i]), int(start[i + 1]))

@@ -25,11 +25,12 @@ def pair_corners(tri_corner: IntArray, used: BoolArray) -> tuple[Int64, Int64]:
     return here[same], after[same]
 
 
-def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64, Int64]:
+def pair_sides(tri_vertex: IntArray, tri_group: IntArray, tri_uv: Float64 | None = None) -> tuple[Int64, Int64, Int64]:
     """Pairs of sides that two triangles of one group share; if an edge has more than two sides, successive ones are paired.
 
     tri_vertex   (n, 3) int
     tri_group    (n,) int         -1 for triangles without a group
+    tri_uv       (n, 3, 2) float64: orders the sides of an edge that has more than two
     out          (2, 3 n) int64 ends of every side, as indices of flattened corners, that of the lower vertex first; (m,) int64 side of one
                  triangle and (m,) int64 of the other; side k starts at corner k
     """
@@ -43,6 +44,12 @@ def pair_sides(tri_vertex: IntArray, tri_group: IntArray) -> tuple[Int64, Int64,
     order = order[np.count_nonzero(group < 0) :]
     edge, group = edge[order], group[order]
     same = (edge[:-1] == edge[1:]) & (group[:-1] == group[1:])
+    if tri_uv is not None:
+        run = np.cumsum(np.append(np.zeros(len(order[:1]), bool), ~same))
+        crowded = np.flatnonzero(np.bincount(run)[run] > 2)
+        sides = order[crowded]
+        u, v = tri_uv.reshape(-1, 2)[ends[0, sides]].T
+        order[crowded] = sides[np.lexsort((v, u, run[crowded]))]
     return ends, order[:-1][same], order[1:][same]
 
 
