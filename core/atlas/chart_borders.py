@@ -9,10 +9,9 @@ import numpy as np
 
 from ..scene.topology import join_sets
 from ..util.arrays import BoolArray, Float64, Int64, IntArray
-from ..util.coverage import expand_ranges
+from ..util.coverage import chunk_ranges, expand_ranges
 
 _MOST_SIDES = 1 << 10  # of a chart's border; all pairs are compared
-_PAIRS_AT_ONCE = 1 << 16  # to bound memory, and to stay in the cache
 
 
 def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, shared: BoolArray) -> BoolArray:
@@ -93,16 +92,10 @@ def _find_crossed(chart: Int64, start: Float64, end: Float64, place_start: Int64
     chart   (n,) int64, ascending
     """
     extents = [(np.minimum(*along), np.maximum(*along)) for along in zip(start.T, end.T, strict=True)]
-    last = np.searchsorted(chart, chart, side="right")
-    pairs = np.cumsum(last - np.arange(len(chart)) - 1)
     crossed = [np.zeros(0, np.int64)]
-    begin = 0
-    while begin < len(chart):
-        done = int(pairs[begin - 1]) if begin else 0
-        stop = max(int(np.searchsorted(pairs, done + _PAIRS_AT_ONCE, side="right")), begin + 1)
-        one, other = expand_ranges(np.arange(begin, stop) + 1, last[begin:stop])
-        one += begin
-        begin = stop
+    for rows, first, last in chunk_ranges(np.arange(len(chart)) + 1, np.searchsorted(chart, chart, side="right")):
+        one, other = expand_ranges(first, last)
+        one = rows[one]
         for low, high in extents:  # one after the other, since the first rejects most pairs
             near = np.flatnonzero((low.take(one) <= high.take(other)) & (low.take(other) <= high.take(one)))
             one, other = one.take(near), other.take(near)
