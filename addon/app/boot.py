@@ -52,7 +52,7 @@ def main(folder: Path) -> int:
     from leaflight.core.util import malloc_tuning
 
     malloc_tuning.keep_freed_memory(whole=True)  # before there are threads
-    unfolding.start_ahead()
+    unfolding.own_unfolder().start()
     from leaflight.core.bake import bake, tasks
     from leaflight.core.output import image_file
     from leaflight.core.parallel import executors

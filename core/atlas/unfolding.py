@@ -34,39 +34,20 @@ class UnfolderDied(RuntimeError):
     """The child ended without a result; the arguments are its return code and, if known, the object of the request."""
 
 
-def unfold_meshes(meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
-    """Request charts and UVs of meshes from xatlas; the charts of all meshes lie side by side.
-
-    meshes    each (n_vertex, 3) float32 and (n, 3) uint32, whose median triangle has an area of about 1
-    area      total area of the meshes
-    dense     whether the meshes have so many triangles that growing large charts takes long
-    out       future of, for each mesh, (n,) int32 chart, -1 if xatlas left it out, and (n, 3, 2) float64 UV, of any scale and proportion
-    Its result raises ValueError if xatlas cannot be loaded, UnfolderDied if it crashes.
-    """
-    return _own_unfolder(os.getpid()).ask(meshes, area, dense)
-
-
-def start_ahead() -> None:
-    """Start the child before the first mesh, so that it has loaded by then."""
-    _own_unfolder(os.getpid()).start()
-
-
 def wait_for(answer: Future[list[Unfolded]], watch: Callable[[], None]) -> list[Unfolded]:
-    """Wait for the result of unfold_meshes; `watch` is called regularly meanwhile, and may raise."""
+    """Wait for the result of Unfolder.ask; `watch` is called regularly meanwhile, and may raise."""
     while not wait((answer,), _WATCH_S).done:
         watch()
     return answer.result()
 
 
-def give_up(answer: Future[list[Unfolded]]) -> None:
-    """Give up a result of unfold_meshes."""
-    if not answer.cancel() and not answer.done():
-        _own_unfolder(os.getpid()).give_up()
+def own_unfolder() -> Unfolder:
+    """The unfolder of this process; after a fork the new process gets one of its own."""
+    return _unfolder_of(os.getpid())
 
 
 @lru_cache(maxsize=1)
-def _own_unfolder(process_id: int) -> Unfolder:
-    """The unfolder of this process; after a fork the new process gets one of its own."""
+def _unfolder_of(process_id: int) -> Unfolder:
     return Unfolder()
 
 
@@ -89,21 +70,29 @@ class Unfolder:
         return questions
 
     def start(self) -> None:
-        """Start the child if there is none."""
+        """Start the child if there is none, so that it has loaded before the first mesh."""
         with self._lock:
             self._find_child()
 
-    def ask(self, meshes: list[Mesh], area: float, dense: bool = False) -> Future[list[Unfolded]]:
-        """As unfold_meshes; requests are served in order, cancelled ones are skipped."""
+    def ask(self, meshes: list[Mesh], area: float, dense: bool) -> Future[list[Unfolded]]:
+        """Request charts and UVs of meshes from xatlas; the charts of all meshes lie side by side. Requests are served in order.
+
+        meshes    each (n_vertex, 3) float32 and (n, 3) uint32, whose median triangle has an area of about 1
+        area      total area of the meshes
+        dense     whether the meshes have so many triangles that growing large charts takes long
+        out       future of, for each mesh, (n,) int32 chart, -1 if xatlas left it out, and (n, 3, 2) float64 UV of any scale
+        Its result raises ValueError if xatlas cannot be loaded, UnfolderDied if it crashes.
+        """
         answer: Future[list[Unfolded]] = Future()
         self._questions.put((answer, meshes, area, dense))
         return answer
 
-    def give_up(self) -> None:
-        """Give up the child's current result by killing the child, which is the only way to stop it."""
-        self._given_up, child = True, self._child
-        if child:
-            child.kill()
+    def give_up(self, answer: Future[list[Unfolded]]) -> None:
+        """Give up a result of `ask`. If the child works on it, it is killed, which is the only way to stop it."""
+        if not answer.cancel() and not answer.done():
+            self._given_up, child = True, self._child
+            if child:
+                child.kill()
 
     def _answer_all(self, questions: _Questions) -> None:
         while True:
@@ -115,11 +104,8 @@ class Unfolder:
             except Exception as reason:  # raised where the result is read
                 answer.set_exception(reason)
 
-    def unfold(self, meshes: list[Mesh], area: float, dense: bool = False) -> list[Unfolded]:
-        """As unfold_meshes, but waits for the result.
-
-        Raises ValueError if xatlas cannot be loaded, UnfolderDied if it crashes.
-        """
+    def unfold(self, meshes: list[Mesh], area: float, dense: bool) -> list[Unfolded]:
+        """As `ask`, but waits for the result."""
         with self._lock:
             self._given_up = False
             for _ in range(_TRIES - 1):

@@ -12,7 +12,7 @@ from ..scene.topology import join_sets, pair_sides
 from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.geometry import orthonormal_basis
 from .layer_check import signed_areas
-from .unfolding import UnfolderDied, give_up, unfold_meshes, wait_for
+from .unfolding import UnfolderDied, own_unfolder, wait_for
 from .xatlas_process import Mesh, Unfolded
 
 _LARGEST_COORDINATE = 1e5  # float32 then still resolves 1 % of a triangle of median size
@@ -72,13 +72,13 @@ class XatlasRequests:
             part = np.cumsum([len(self._pieces[k]) for k in pieces]) // _AT_ONCE
             asked += np.split(pieces, np.flatnonzero(np.diff(part)) + 1) if len(pieces) else []
         for own in sorted(asked, key=lambda pieces: int(pieces[0])):  # in the order of objects, which progress follows
-            answer = unfold_meshes([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), bool(self._dense[own[0]]))
+            answer = own_unfolder().ask([self._meshes[k] for k in own], float(self._scaled_area[own].sum()), bool(self._dense[own[0]]))
             self._asks.append(_Ask(np.unique(self._of_piece[own]).tolist(), own.tolist(), answer))
 
     def cancel(self) -> None:
         """Give up the results."""
         for ask in self._asks:
-            give_up(ask.answer)
+            own_unfolder().give_up(ask.answer)
 
     def read(self, watch: Callable[[int, int], None] = lambda *_: None) -> tuple[Int64, Float64]:
         """(n,) int64 chart, -1 if xatlas left a triangle out; (n, 3, 2) float64 UV, m, each chart with its area in space as UV area.

@@ -171,7 +171,7 @@ def triangle_growth(folder: Path, sizes: Sizes) -> dict[str, float]:
 def unwrap_growth(sizes: Sizes) -> dict[str, float]:
     """Seconds to unwrap a bumpy ground of the larger number of triangles, and their ratio to those of the smaller."""
     few, many = (make_scene([grid_mesh("Ground", math.isqrt(count // 2), noise=0.05)]) for count in sizes.unwrapped)
-    unfolding.start_ahead()
+    unfolding.own_unfolder().start()
 
     def unwrap(ground: SceneSnapshot) -> None:
         Unwrapping(ground.tri_position, ground.tri_vertex, ground.tri_polygon, ground.tri_corner, ground.tri_object).finish()
@@ -184,7 +184,7 @@ def unwrap_objects(sizes: Sizes) -> float:
     """Seconds to unwrap so many boxes, of which no two are alike."""
     sides = np.random.default_rng(1).uniform(0.5, 2.0, (sizes.objects, 3))
     scene = make_scene([moved(box_mesh(f"Box {k}", tuple(side)), (3.0 * k, 0.0, 0.0)) for k, side in enumerate(sides.tolist())])
-    unfolding.start_ahead()
+    unfolding.own_unfolder().start()
     return _least_seconds(lambda: find_charts(scene, True), sizes.repeats)
 
 

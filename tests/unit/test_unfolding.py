@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from leaflight.core.atlas import unfolding
 from leaflight.core.atlas.layer_check import signed_areas
-from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied, unfold_meshes
+from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied, own_unfolder
 from processes import wait_for_end
 
 SQUARE = (np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
@@ -23,7 +23,7 @@ def unfolder():
 
 
 def test_meshes_of_one_question_lie_side_by_side():
-    (chart, uv), (other_chart, other_uv) = unfold_meshes([SQUARE, SQUARE], 2.0).result()
+    (chart, uv), (other_chart, other_uv) = own_unfolder().unfold([SQUARE, SQUARE], 2.0, False)
     assert chart.tolist() == [0, 0]
     assert set(other_chart.tolist()) == {1}
     np.testing.assert_allclose(np.abs(signed_areas(uv)), np.abs(signed_areas(other_uv)), rtol=1e-5)
@@ -31,10 +31,10 @@ def test_meshes_of_one_question_lie_side_by_side():
 
 
 def test_child_that_was_killed_between_two_questions_is_replaced(unfolder):
-    first = unfolder.unfold([SQUARE], 1.0)
+    first = unfolder.unfold([SQUARE], 1.0, False)
     unfolder._child.kill()
     unfolder._child.wait()
-    np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0)[0][1], first[0][1])
+    np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0, False)[0][1], first[0][1])
 
 
 def plant_xatlas(monkeypatch, folder, deaths):
@@ -55,9 +55,9 @@ sys.modules["xatlas"] = importlib.import_module("xatlas")
 
 
 def test_a_question_that_a_child_died_of_is_put_again(unfolder, tmp_path, monkeypatch):
-    expected = unfold_meshes([SQUARE], 1.0).result()
+    expected = own_unfolder().unfold([SQUARE], 1.0, False)
     plant_xatlas(monkeypatch, tmp_path, deaths=2)
-    np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0)[0][1], expected[0][1])
+    np.testing.assert_array_equal(unfolder.unfold([SQUARE], 1.0, False)[0][1], expected[0][1])
     assert len(list(tmp_path.glob("*.died"))) == 2
 
 
@@ -65,15 +65,15 @@ def test_crash_is_told_and_the_next_question_answered(unfolder, tmp_path, monkey
     with monkeypatch.context() as patch:
         plant_xatlas(patch, tmp_path, deaths=100)
         with pytest.raises(UnfolderDied, match=r"^7$"):
-            unfolder.unfold([SQUARE], 1.0)
+            unfolder.unfold([SQUARE], 1.0, False)
         assert len(list(tmp_path.glob("*.died"))) == 3
-    assert len(unfolder.unfold([SQUARE], 1.0)) == 1
+    assert len(unfolder.unfold([SQUARE], 1.0, False)) == 1
 
 
 def test_questions_are_answered_in_their_order_and_cancelled_ones_never(unfolder, monkeypatch):
     asked, may_answer = [], threading.Event()
     monkeypatch.setattr(unfolder, "unfold", lambda meshes, area, dense: (may_answer.wait(60) and asked.append(area)) or [area])
-    answers = [unfolder.ask([SQUARE], area) for area in (1.0, 2.0, 3.0)]
+    answers = [unfolder.ask([SQUARE], area, False) for area in (1.0, 2.0, 3.0)]
     assert answers[1].cancel()
     may_answer.set()
     assert answers[2].result(60) == [3.0]
@@ -89,16 +89,15 @@ def test_whoever_waits_is_called_until_the_answer_is_there(unfolder, monkeypatch
         if len(calls) == 3:
             may_answer.set()
 
-    assert unfolding.wait_for(unfolder.ask([SQUARE], 1.0), watch) == [1.0]
+    assert unfolding.wait_for(unfolder.ask([SQUARE], 1.0, False), watch) == [1.0]
     assert len(calls) >= 3
 
 
 def test_missing_xatlas_says_what_to_do(tmp_path, monkeypatch, unfolder):
     (tmp_path / "xatlas.py").write_text("raise ImportError('planted')\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(unfolding, "_own_unfolder", lambda process_id: unfolder)
     with pytest.raises(ValueError, match=r"xatlas cannot be loaded \(planted\).*choose an existing UV layer"):
-        unfold_meshes([SQUARE], 1.0).result()
+        unfolder.ask([SQUARE], 1.0, False).result()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="asks for a process by its number")
@@ -109,7 +108,7 @@ from leaflight.core.atlas import unfolding
 from leaflight.core.atlas.layer_check import signed_areas
 from test_unfolding import SQUARE
 unfolder = unfolding.Unfolder()
-unfolder.unfold([SQUARE], 1.0)
+unfolder.unfold([SQUARE], 1.0, False)
 print(unfolder._child.pid, flush=True)
 os.kill(os.getpid(), 9)
 """

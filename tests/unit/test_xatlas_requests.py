@@ -4,8 +4,7 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
-from leaflight.core.atlas import xatlas_requests
-from leaflight.core.atlas.unfolding import UnfolderDied
+from leaflight.core.atlas.unfolding import Unfolder, UnfolderDied
 from leaflight.core.atlas.xatlas_requests import XatlasRequests
 from leaflight.core.util.geometry import triangle_normals_areas
 from scenes import Mesh, box_mesh, grid_mesh, make_scene
@@ -14,13 +13,13 @@ from scenes import Mesh, box_mesh, grid_mesh, make_scene
 @pytest.fixture
 def asked(monkeypatch):
     """Of how many pieces each question was, and whether they are dense."""
-    real, written = xatlas_requests.unfold_meshes, []
+    real, written = Unfolder.ask, []
 
-    def unfold(meshes, area, dense):
+    def ask(unfolder, meshes, area, dense):
         written.append((len(meshes), dense))
-        return real(meshes, area, dense)
+        return real(unfolder, meshes, area, dense)
 
-    monkeypatch.setattr(xatlas_requests, "unfold_meshes", unfold)
+    monkeypatch.setattr(Unfolder, "ask", ask)
     return written
 
 
@@ -54,17 +53,17 @@ def ask_apart(*meshes):
 @pytest.mark.parametrize("cursed", [1, None])
 def test_of_objects_that_xatlas_crashes_on_together_the_one_is_told(monkeypatch, cursed):
     """The second has two triangles fewer than the others."""
-    real = xatlas_requests.unfold_meshes
+    real = Unfolder.ask
 
-    def unfold(meshes, area, dense):
+    def ask(unfolder, meshes, area, dense):
         crashes = len(meshes) > 1 or (cursed and len(meshes[0][1]) == 10)
         if not crashes:
-            return real(meshes, area, dense)
+            return real(unfolder, meshes, area, dense)
         answer = Future()
         answer.set_exception(UnfolderDied(-11))
         return answer
 
-    monkeypatch.setattr(xatlas_requests, "unfold_meshes", unfold)
+    monkeypatch.setattr(Unfolder, "ask", ask)
     open_box = Mesh("Open", box_mesh().vertex, box_mesh().polygons[:5])
     question = ask_apart(box_mesh(), open_box, box_mesh())
     if cursed is None:
