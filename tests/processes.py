@@ -27,7 +27,7 @@ def wait_for_end(pids: Iterable[int]) -> list[int]:
 
 def wait_until_ready(executor: executors.LocalExecutor) -> None:
     """Has the other processes of an executor started."""
-    executors.wake(executor)
+    executor.wake()
     for _ in range(600):
         if executor._ready == executor._others:
             return

@@ -7,8 +7,6 @@ import json
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +36,7 @@ def run_bake(
     folder: Path,
     tell: Callable[[Message], None],
     should_stop: Callable[[], bool],
-    open_executor: Callable[[Settings], Executor] = tasks.open_executor,
+    open_executor: Callable[[Settings], executors.ShardExecutor] = tasks.open_executor,
 ) -> None:
     """Bake the job in `folder`; the last message is Done.
 
@@ -77,7 +75,7 @@ def _describe_late(run: Run) -> str:
     )
 
 
-def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
+def _bake(run: Run, loaded: Loaded, executor: executors.ShardExecutor) -> LightField:
     """Find the light and write its images and the result.
 
     Raises Interrupted if the bake was stopped before there was any light.
@@ -97,8 +95,8 @@ def _bake(run: Run, loaded: Loaded, executor: Executor) -> LightField:
         "files": [dataclasses.asdict(file) for file in files],
         "spare": spare,
         "seconds": run.seconds,
-        "busy_seconds": executors.read_busy_seconds(executor),
-        "cpu_seconds": executors.read_cpu_seconds(executor) - run.cpu_began_s,
+        "busy_seconds": executor.busy.read(),
+        "cpu_seconds": executor.busy.read_cpu_s() - run.cpu_began_s,
         "processes": executors.count_processors(settings.workers),
         "peak_memory_mb": report.measure_memory_mb(),
         **report.describe_light(light),
@@ -148,16 +146,16 @@ def _keep_state(job: Job, solver: solve.Solver | None, error: float, tell: Calla
 
 
 def _write_pages(
-    run: Run, snapshot: SceneSnapshot, found: FoundLight, surfaces: SurfaceMaterials, executor: Executor
+    run: Run, snapshot: SceneSnapshot, found: FoundLight, surfaces: SurfaceMaterials, executor: executors.ShardExecutor
 ) -> tuple[list[pages.PageFile], str, seams.SeamReport, Float32]:
     """Write the images.
 
     Returns their files, the spare folder if the output folder failed, else "", a report on seams, and Resolver.find_lighting().
     """
     job, margin, atlas, texel_map = run.job, run.job.settings.margin, found.atlas, found.receivers.texels
-    limited = run.deadline.limit_spread(partial(executors.spread, executor), run.deadline.is_write_late)
+    limited = run.deadline.limit_spread(executor.spread, run.deadline.is_write_late)
     resolver, seam_report = resolve_light(found, snapshot, surfaces, job.settings, limited, spend=not job.keep)
-    executors.send_home(executor)
+    executor.send_home()
     light = found.light
     debug = debug_passes.DebugPages(light, texel_map, margin)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 from ..filter import error_estimate
 from ..integrate.direct_field import DirectField
 from ..integrate.light_field import LightField
-from ..parallel.executors import spread
+from ..parallel.executors import ShardExecutor
 from ..radiosity import quadtree, tally
 from ..texels.error_metric import ErrorMetric
 from ..texels.texel_map import TexelMap
@@ -33,7 +31,7 @@ def settle_direct(
     texels: TexelMap,
     tri_object: IntArray,
     settings: Settings,
-    executor: Executor,
+    executor: ShardExecutor,
     direct: DirectField,
     tell: Callable[[Message], None],
     should_stop: Callable[[], bool],
@@ -50,7 +48,7 @@ def settle_direct(
     totals = tally.accumulate(tree, tally.Tally.empty(len(tree), _DEGREE))
     while True:
         looked = time.monotonic()
-        shown = direct.show(texels, settings.denoise, partial(spread, executor))
+        shown = direct.show(texels, settings.denoise, executor.spread)
         stated = error_estimate.state_error(metric, shown, error_estimate.PhotonLight.none())
         if deadline:
             deadline.note_light(time.monotonic() - looked)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,7 +94,7 @@ class FoundLight:
     is_hurried: bool
 
 
-def find_light(run: Run, loaded: Loaded, executor: Executor) -> FoundLight:
+def find_light(run: Run, loaded: Loaded, executor: executors.ShardExecutor) -> FoundLight:
     """Lay out charts and texels, and find the light on them.
 
     Raises ValueError with a sentence if nothing can be baked, Interrupted if the bake was stopped before there was any light.
@@ -106,8 +105,8 @@ def find_light(run: Run, loaded: Loaded, executor: Executor) -> FoundLight:
     lack = image_room.find_lack(job, atlas, pages.list_names(job, snapshot, atlas))
     if lack:
         run.tell(Warning_("", lack))
-    executors.wake(executor)  # not before: xatlas works beside this process
-    if needs.direct and isinstance(executor, executors.LocalExecutor):
+    executor.wake()  # not before: xatlas works beside this process
+    if needs.direct:
         executor.on_each(traced_scene.open_ahead, str(folder))
     # A state has the texels of charts that are cut along contacts.
     receivers = find_receivers(run, snapshot, settings, atlas, executor, needs.direct, by_photons=needs.photons or bool(job.resume))

@@ -5,11 +5,11 @@ Tracing needs only the scene, since hits are found on pages later. The result is
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..parallel.executors import LocalExecutor
+from ..parallel.executors import ShardExecutor
 from ..transport import rounds
 from ..util.ablation import uses
 from ..util.settings import Settings
@@ -25,7 +25,7 @@ class FirstPhotons:
     sent: dict[tuple[int, int], tuple[PhotonShard, Future[bool]]] = field(default_factory=dict)
 
     @classmethod
-    def send(cls, folder: Path, settings: Settings, executor: Executor) -> FirstPhotons:
+    def send(cls, folder: Path, settings: Settings, executor: ShardExecutor) -> FirstPhotons:
         """Send the shards that the first rounds have in any case. None are sent if there are no other processes, or if they run on other
         machines.
 
@@ -33,7 +33,7 @@ class FirstPhotons:
         """
         if not uses("photons_ahead"):
             return cls()
-        if not isinstance(executor, LocalExecutor) or not executor.is_awake:  # starting processes now would delay the charts
+        if not executor.is_awake:  # starting processes now would delay the charts
             return cls()
         first, second = (rounds.count_ahead(round_, settings.direct == "rays") for round_ in (0, 1))
         photons = [min(first, settings.max_photons)]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from ..integrate.direct_field import DirectField
 from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead, cut_into_shards
 from ..integrate.light_field import LightField
-from ..parallel import executors
+from ..parallel.executors import ShardExecutor
 from ..scene.materials import SurfaceMaterials
 from ..util.arrays import IntArray
 from ..util.messages import Message, Status
@@ -41,7 +39,7 @@ class LightSearch:
     settings: Settings
     needs: WorkPlan
     receivers: Receivers
-    executor: Executor
+    executor: ShardExecutor
     first: FirstPhotons
     surfaces: SurfaceMaterials
     tri_object: IntArray
@@ -114,7 +112,7 @@ class LightSearch:
                 eased = run.deadline.ease(settings)
                 is_shot = direct.shoot(run.folder, eased, self.executor, range(len(texels)), tell, should_stop)
             if solver and is_shot:  # the filter runs on idle processes meanwhile
-                limited = run.deadline.limit_spread(partial(executors.spread, self.executor), run.deadline.is_over)
+                limited = run.deadline.limit_spread(self.executor.spread, run.deadline.is_over)
                 direct.begin_show(texels, settings.denoise, limited)
         return solver, is_shot
 

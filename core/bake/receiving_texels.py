@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -87,7 +86,7 @@ def _keep_charts(run: Run, kept: ChartCache, is_whole: bool) -> None:
 
 
 def find_receivers(
-    run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, executor: Executor, lit: bool, by_photons: bool
+    run: Run, snapshot: SceneSnapshot, settings: Settings, atlas: ChartAtlas, executor: executors.ShardExecutor, lit: bool, by_photons: bool
 ) -> Receivers:
     """The texels of the charts, saved for traced_scene.open_tracing.
 

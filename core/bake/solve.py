@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +30,7 @@ from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
 from ..integrate.reference_level import ReferenceLevel
 from ..integrate.texel_light import find_known
-from ..parallel.executors import spread
+from ..parallel.executors import ShardExecutor
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
 from ..radiosity.radiosity_solution import RadiositySolution
@@ -59,7 +58,7 @@ class Solver:
 
     folder: Path  # of traced_scene.open_tracing
     settings: Settings
-    executor: Executor
+    executor: ShardExecutor
     direct: DirectField
     forced_texels: NDArray[np.bool_]
     started: float = field(default_factory=time.monotonic)
@@ -266,7 +265,7 @@ class Solver:
     def _light(self, reading: RadiositySolution) -> tuple[LightField, error_estimate.StatedError]:
         """The light after the last round with its stated error."""
         texels = self.tracing.texels
-        limited = self.deadline.limit_spread(partial(spread, self.executor), self.deadline.is_over)
+        limited = self.deadline.limit_spread(self.executor.spread, self.deadline.is_over)
         direct = self.direct.show(texels, self.settings.denoise, limited)
         stated = error_estimate.state_error(self.metric, direct, self._show_photons(reading, limited))
         return self._make_light(reading, stated), stated

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
-
 from ..filter import denoise
 from ..integrate import texel_shards
 from ..parallel import executors
@@ -22,6 +20,6 @@ def load_ahead() -> None:
     sampling.load_ahead()
 
 
-def open_executor(settings: Settings) -> Executor:
+def open_executor(settings: Settings) -> executors.ShardExecutor:
     """executors.open_executor whose processes load all kinds of work at once."""
     return executors.open_executor(settings, load_ahead)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -14,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..lights.emitters import usable_environment, usable_world
-from ..parallel import executors
+from ..parallel.executors import ShardExecutor
 from ..texels.error_metric import DARK_FLOOR, choose_sample
 from ..transport import traced_scene
 from ..util.ablation import uses
@@ -98,13 +97,13 @@ class ShotAhead:
     wait: Callable[[], list[DirectLight]] = list
 
     @classmethod
-    def send(cls, folder: Path, settings: Settings, executor: Executor, n_texel: int) -> ShotAhead:
+    def send(cls, folder: Path, settings: Settings, executor: ShardExecutor, n_texel: int) -> ShotAhead:
         """Send the shards; arguments as in DirectField.shoot."""
         if not uses("rays_ahead"):
             return cls()
         shards = list_shards(ask_for_direct(folder, settings, 0, range(n_texel)))
         first = shards[: min(round(len(shards) / _AHEAD), _MOST_AHEAD)]
-        return cls(len(first), executors.set_apart(executor, partial(_light_ahead, first, settings))) if first else cls()
+        return cls(len(first), executor.set_apart(partial(_light_ahead, first, settings))) if first else cls()
 
 
 NOTHING_AHEAD = ShotAhead()

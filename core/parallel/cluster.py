@@ -10,7 +10,7 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,6 +23,7 @@ from distributed.comm import CommClosedError, get_address_host_port, resolve_add
 
 from ..util.digest import hash_code, hash_file, hash_pieces
 from . import folders
+from .executors import ShardExecutor
 
 STAMP_FILE = "content.txt"  # digest of a folder's files, within the folder
 CONNECT_S, NO_WORKER_S, ASK_AGAIN_S = 10.0, 60.0, 10.0
@@ -75,10 +76,11 @@ def connect(address: str) -> ClusterExecutor:
     return ClusterExecutor(client, address)
 
 
-class ClusterExecutor(Executor):
+class ClusterExecutor(ShardExecutor):
     """Runs calls, of one shard each, on the workers of a cluster; lost workers cost time only."""
 
     def __init__(self, client: Client, address: str) -> None:
+        super().__init__()
         self._client, self._address = client, address
         self._threads = ThreadPoolExecutor(_MOST_CALLS)  # each waits for one call
         self._copies: dict[str, FolderCopy] = {}

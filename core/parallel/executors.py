@@ -108,12 +108,54 @@ class BusyTime:
         with self._lock:
             return dict(self._seconds)
 
+    def read_cpu_s(self) -> float:
+        """CPU seconds of this process since its start, plus those of calls in other processes."""
+        return time.process_time() + self.lent_cpu_s
 
-class InlineExecutor(Executor):
-    """Runs each call at once, in this process: the executor of a single worker."""
+
+class ShardExecutor(Executor):
+    """An executor of shards. What only a LocalExecutor can do is done by this process, or not at all.
+
+    busy       seconds of calls on this machine
+    is_awake   whether other processes of this machine are starting, or have started
+    """
+
+    is_awake = False
 
     def __init__(self) -> None:
         self.busy = BusyTime()
+
+    @property
+    def idle(self) -> int:
+        """Number of processes of this machine, including this one, that would begin new calls at once; 1 if any other is busy."""
+        return 1
+
+    def wake(self) -> None:
+        """Start processes of this machine before they have work; starting takes as long as reading a scene."""
+
+    def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
+        """Run `fn` in each of the other processes of this machine, in the background; the results are dropped."""
+
+    def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
+        """Give a long call to another process of this machine, which gets no other call meanwhile. Returns a function for its result, which
+        runs the call itself if no process was ready.
+        """
+        return run
+
+    def spread(self, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
+        """Results of `fn` for each tuple of arguments, in order. A few calls are submitted at once, and more as results are read, which
+        bounds the memory of arguments.
+
+        Processes of this machine run them, not threads: with numpy's brief calls on short arrays, threads slow each other down.
+        """
+        return starmap(fn, calls)
+
+    def send_home(self) -> None:
+        """End the other processes of this machine in the background; all calls must be done, and no more may follow."""
+
+
+class InlineExecutor(ShardExecutor):
+    """Runs each call at once, in this process: the executor of a single worker."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -129,7 +171,7 @@ def _load_nothing() -> None:
     """Default for processes that load nothing before their first call."""
 
 
-def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
+def open_executor(settings: Settings, load_ahead: Callable[[], None] = _load_nothing) -> ShardExecutor:
     """The executor that the settings select, whose processes first call `load_ahead`; close it with shutdown().
 
     Raises ValueError or OSError with a sentence if a cluster is selected and cannot be used.
@@ -162,9 +204,9 @@ class Ahead:
 
     def wake(self) -> None:
         """Start processes that are not forked, and so have to load all modules."""
-        wake(self._executor)
+        self._executor.wake()
 
-    def open(self, settings: Settings) -> Executor:
+    def open(self, settings: Settings) -> ShardExecutor:
         """The executor for the settings, which uses these processes if possible."""
         if not settings.cluster and count_processors(settings.workers) == count_processors(0):
             return self._executor
@@ -181,62 +223,13 @@ def count_processors(workers: int) -> int:
     return min(workers or count_usable(), _MOST_PER_CORE * count_usable())
 
 
-def make_executor(workers: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> Executor:
+def make_executor(workers: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> ShardExecutor:
     """An executor of `workers` processes of this machine, including this one, 0 for one per core; close it with shutdown().
 
     copied   whether the others are forked from this process, which must then have no threads until they are awake
     """
     count = count_processors(workers)
     return InlineExecutor() if count == 1 else LocalExecutor(count, copied, load_ahead)
-
-
-def count_idle(executor: Executor) -> int:
-    """Number of processes of this machine, including this one, that would begin new calls at once; 1 if any other is busy."""
-    if not isinstance(executor, LocalExecutor) or executor._given or executor._waiting:
-        return 1
-    return executor._ready + 1
-
-
-def read_busy_seconds(executor: Executor) -> dict[str, float]:
-    """Busy seconds by function name, summed over all processes of this machine; empty for a cluster."""
-    return executor.busy.read() if isinstance(executor, InlineExecutor | LocalExecutor) else {}
-
-
-def read_cpu_seconds(executor: Executor) -> float:
-    """CPU seconds of this process since its start, plus those of calls in other processes of this machine; without a cluster's."""
-    lent_s = executor.busy.lent_cpu_s if isinstance(executor, InlineExecutor | LocalExecutor) else 0.0
-    return time.process_time() + lent_s
-
-
-def wake(executor: Executor) -> None:
-    """Start processes of this machine before they have work; starting takes as long as reading a scene."""
-    if isinstance(executor, LocalExecutor):
-        executor.wake()
-
-
-def send_home(executor: Executor) -> None:
-    """End the other processes of this machine in the background; all calls must be done, and no more may follow."""
-    if isinstance(executor, LocalExecutor):
-        executor._leaving = threading.Thread(target=executor._pool.shutdown)
-        executor._leaving.start()
-
-
-def set_apart(executor: Executor, run: Callable[[], T]) -> Callable[[], T]:
-    """Give a long call to another process of this machine, which gets no other call meanwhile. Returns a function for its result, which
-    runs the call itself if no process was ready.
-    """
-    return executor.set_apart(run) if isinstance(executor, LocalExecutor) else run
-
-
-def spread(executor: Executor, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
-    """Results of `fn` for each tuple of arguments, in order. A few calls are submitted at once, and more as results are read, which bounds
-    the memory of arguments.
-
-    Processes of this machine run them, not threads: with numpy's brief calls on short arrays, threads slow each other down.
-    """
-    if not isinstance(executor, LocalExecutor):
-        return starmap(fn, calls)
-    return _Answers((executor.submit(fn, *arguments) for arguments in calls), executor.most_ahead)
 
 
 class _Call(Future[Any]):
@@ -270,7 +263,7 @@ class _Answers(Iterator[T]):
             call.cancel()
 
 
-class LocalExecutor(Executor):
+class LocalExecutor(ShardExecutor):
     """Runs calls in several processes of this machine. This process is one of them: it runs pending calls while it waits for a result.
 
     So no call waits for a process that is still starting, and two workers need only one new process.
@@ -279,21 +272,24 @@ class LocalExecutor(Executor):
     def __init__(self, count: int, copied: bool = False, load_ahead: Callable[[], None] = _load_nothing) -> None:
         # A fork has all modules loaded at once, but if this process had threads, as embree's, their data would be in an unknown state.
         context = multiprocessing.get_context("fork" if copied else "spawn")
-        self.busy = BusyTime()
+        super().__init__()
         self._others = min(count - 1, _MOST_ON_WINDOWS) if sys.platform == "win32" else count - 1
         self.most_ahead = 2 * (self._others + 1)
         self._pool = ProcessPoolExecutor(self._others, mp_context=context, initializer=start_process, initargs=(load_ahead,))
         self._waiting: deque[_Call] = deque()
         self._turn = threading.Lock()  # guards _ready and _given
-        self.is_awake = self._closed = False  # awake: the other processes are starting, or have started
+        self._closed = False
         self._ready = 0  # other processes that have started
         self._given = 0  # calls in the other processes
         self._results = tempfile.TemporaryDirectory(prefix="leaflight_", ignore_cleanup_errors=True)
         self._leaving: threading.Thread | None = None
         self._lost: BaseException | None = None  # the error of a killed process, after which no call can run
 
+    @property
+    def idle(self) -> int:
+        return 1 if self._given or self._waiting else self._ready + 1
+
     def wake(self) -> None:
-        """Start the other processes; each gets calls once it has started."""
         if not self.is_awake:
             self.is_awake = True
             for _ in range(self._others):
@@ -311,7 +307,6 @@ class LocalExecutor(Executor):
             self._lost = sent.exception()
 
     def on_each(self, fn: Callable[..., Any], /, *args: Any) -> None:
-        """Run `fn` in each of the other processes, in the background; the results are dropped."""
         self.wake()
         for _ in range(self._others):
             self._pool.submit(fn, *args)
@@ -330,14 +325,20 @@ class LocalExecutor(Executor):
         return _Answers(self.submit(fn, *arguments) for arguments in zip(*iterables, strict=False))
 
     def set_apart(self, run: Callable[[], T]) -> Callable[[], T]:
-        """As the function set_apart."""
         with self._turn:
             if not self._ready or self._lost:
                 return run
             self._ready -= 1
         call = _Call(self._help_out, run)
-        self._send(call, self._receive_apart)
+        self._send(call, apart=True)
         return call.result
+
+    def spread(self, fn: Callable[..., T], calls: Iterable[tuple[Any, ...]]) -> Iterator[T]:
+        return _Answers((self.submit(fn, *arguments) for arguments in calls), self.most_ahead)
+
+    def send_home(self) -> None:
+        self._leaving = threading.Thread(target=self._pool.shutdown)
+        self._leaving.start()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self._closed = True
@@ -379,31 +380,29 @@ class LocalExecutor(Executor):
                 if call is None:
                     return
                 self._given += 1
-            if not self._send(call, self._receive):
-                with self._turn:
-                    self._given -= 1
+            if not self._send(call):
+                self._release()
 
-    def _send(self, call: _Call, receive: Callable[[_Call, Future[bytes | str]], None]) -> bool:
-        """Send the call to another process, `receive` its result; returns whether that succeeded."""
+    def _send(self, call: _Call, apart: bool = False) -> bool:
+        """Send the call to another process; returns whether that succeeded."""
         try:
             sent = self._pool.submit(keep_result, partial(time_call, call.run), self._results.name)
-            sent.add_done_callback(partial(receive, call))
+            sent.add_done_callback(partial(self._receive, call, apart))
         except RuntimeError as error:  # a process was killed, or all were ended
             call.set_exception(error)
             return False
         return True
 
-    def _receive(self, call: _Call, sent: Future[bytes | str]) -> None:
+    def _release(self, apart: bool = False) -> None:
+        """Count a process's call as done."""
         with self._turn:
-            self._given -= 1
-        self._take_back(call, sent)
+            if apart:
+                self._ready += 1
+            else:
+                self._given -= 1
 
-    def _receive_apart(self, call: _Call, sent: Future[bytes | str]) -> None:
-        with self._turn:
-            self._ready += 1
-        self._take_back(call, sent)
-
-    def _take_back(self, call: _Call, sent: Future[bytes | str]) -> None:
+    def _receive(self, call: _Call, apart: bool, sent: Future[bytes | str]) -> None:
+        self._release(apart)
         self._note_loss(sent)
         self._feed()  # first, so that it works while the result is read
         _settle(call, lambda: self._unpack(call, sent))

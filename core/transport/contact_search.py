@@ -1,13 +1,13 @@
 """Search for contacts by all processes of a machine, each with whole charts, since no contact spans two charts."""
 
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from ..parallel import executors, shared_arrays
+from ..parallel import shared_arrays
+from ..parallel.executors import ShardExecutor
 from ..parallel.folders import TEXELS_FOLDER
 from ..texels.texel_map import TexelMap
 from ..util.arrays import Int64
@@ -22,7 +22,7 @@ _FOUND = 0.7  # progress within LOOKING when find_contacts ends
 
 
 def search_contacts(
-    folder: Path, opened: TracedScene, texels: TexelMap, executor: Executor, threads: int, watch: Watch = unwatched
+    folder: Path, opened: TracedScene, texels: TexelMap, executor: ShardExecutor, threads: int, watch: Watch = unwatched
 ) -> ContactMap:
     """As contact_map.find_contacts, by several processes; the result is the same for any number of them. Uses threads only where there is
     little to do or no other process is idle.
@@ -30,11 +30,11 @@ def search_contacts(
     folder    of traced_scene.open_scene; the map is saved there for the other processes and must be saved anew once it is cut
     threads   number of threads where one process does all
     """
-    first, *others = split_at_charts(texels.chart_start, executors.count_idle(executor))
+    first, *others = split_at_charts(texels.chart_start, executor.idle)
     if not others:
         return find_contacts(opened, texels, threads, watch)
     shared_arrays.save_struct(folder / TEXELS_FOLDER, texels)
-    found = executors.spread(executor, find_in_charts, ((str(folder), part.start, part.stop) for part in others))
+    found = executor.spread(find_in_charts, ((str(folder), part.start, part.stop) for part in others))
     own_share = first.stop / len(texels)
     own = find_contacts(opened, texels, 1, lambda said, share, about: watch(said, own_share * share, about), first)
 

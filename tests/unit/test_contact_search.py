@@ -29,7 +29,7 @@ def scene():
 @pytest.fixture
 def as_many(monkeypatch):
     """Has so many processes counted, of which this one does all the work."""
-    return lambda count: monkeypatch.setattr(executors, "count_idle", lambda executor: count)
+    return lambda count: monkeypatch.setattr(executors.LocalExecutor, "idle", count)
 
 
 def test_a_bake_by_two_processes_has_the_light_of_one(tmp_path, scene, as_many, open_image_io):

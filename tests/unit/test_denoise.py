@@ -1,11 +1,9 @@
 """Grain is averaged over like neighbours, and nothing else is."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from leaflight.core.filter import denoise
-from leaflight.core.parallel.executors import make_executor, spread
+from leaflight.core.parallel.executors import make_executor
 from trees import make_square_map
 
 SIDE = 48
@@ -130,7 +128,7 @@ def test_processes_change_no_byte():
     found = []
     for workers in (1, 2):
         with make_executor(workers) as executor:
-            found.append(denoise.denoise(light, variance, grainy, texels, partial(spread, executor), with_variance=True))
+            found.append(denoise.denoise(light, variance, grainy, texels, executor.spread, with_variance=True))
     assert len(found[0].entry) == len(grainy)
     for name in ("entry", "light", "variance", "own_share"):
         np.testing.assert_array_equal(*(getattr(one, name) for one in found))

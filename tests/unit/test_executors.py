@@ -73,14 +73,14 @@ def test_processes_that_are_sent_home_end_while_this_one_goes_on():
     wait_until_ready(executor)
     assert executor.submit(os.getpid).result() != os.getpid()
     (other,) = executor._pool._processes.values()
-    executors.send_home(executor)
+    executor.send_home()
     executor._leaving.join(60)  # not the process: whoever waits for it second is told nothing of how it ended
     assert not executor._leaving.is_alive()
     assert other.exitcode == 0
     with pytest.raises(RuntimeError, match="shutdown"):
         executor.submit(abs, 1).result()
     executor.shutdown()
-    executors.send_home(executors.InlineExecutor())  # there is nobody to send
+    executors.InlineExecutor().send_home()  # there is nobody to send
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -88,7 +88,7 @@ def test_calls_are_spread_a_few_ahead_and_answered_in_order(count):
     made = []
     calls = ((made.append(k) or k,) for k in range(20))
     with executors.make_executor(count) as executor:
-        found = executors.spread(executor, float, calls)
+        found = executor.spread(float, calls)
         assert next(found) == 0.0
         assert len(made) <= 2 * count + 1
         assert list(found) == [float(k) for k in range(1, 20)]
@@ -97,13 +97,13 @@ def test_calls_are_spread_a_few_ahead_and_answered_in_order(count):
 def test_calls_are_spread_over_processes_of_this_machine_alone():
     with executors.LocalExecutor(2) as executor:
         wait_until_ready(executor)
-        assert len(set(executors.spread(executor, tell_process, [(0.02,)] * 8))) == 2
+        assert len(set(executor.spread(tell_process, [(0.02,)] * 8))) == 2
 
     class Elsewhere(executors.InlineExecutor):
         def submit(self, fn, /, *args, **kwargs):
             raise AssertionError("arrays would be sent over the network")
 
-    assert set(executors.spread(Elsewhere(), os.getpid, [()] * 3)) == {os.getpid()}
+    assert set(Elsewhere().spread(os.getpid, [()] * 3)) == {os.getpid()}
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_time_in_calls_is_counted_in_every_process_by_function():
         assert executor.submit(abs, -3).result() == 3
         for call in calls:
             call.result()
-        busy = executors.read_busy_seconds(executor)
+        busy = executor.busy.read()
     assert 0.2 <= busy["sleep"] < 2.0
     assert 0.0 <= busy["abs"] < 0.1
 
@@ -207,10 +207,10 @@ def _work(seconds):
 def test_cpu_seconds_are_those_of_all_processes():
     with executors.make_executor(2) as executor:
         wait_until_ready(executor)
-        before, own = executors.read_cpu_seconds(executor), time.process_time()
+        before, own = executor.busy.read_cpu_s(), time.process_time()
         for call in [executor.submit(_work, 0.1) for _ in range(4)]:
             call.result()
         executor.submit(time.sleep, 0.3).result()
-        used, own = executors.read_cpu_seconds(executor) - before, time.process_time() - own
+        used, own = executor.busy.read_cpu_s() - before, time.process_time() - own
     assert 0.4 <= used < 0.65
     assert used - own > 0.08
