@@ -18,7 +18,7 @@ from .chart_search import find_charts
 from .density_search import find_greatest_density
 from .even_out import even_out
 from .outlines import Outlines
-from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
+from .packing import Page, Placement, Shapes, place_charts, place_uv, shape_charts
 from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
 from .sharing import BlockLayout, join_outlines, lay_block, outline_block
 
@@ -358,9 +358,7 @@ class _AtlasMaker:
         """Shapes of an object at its density; None if it does not fit a page."""
         density = float(self.density[i])
         outlines = self._lay_out([i], density)
-        if outlines is None or not fits_alone(outlines, density, self.page):
-            return None
-        return shape_charts(outlines, density, self.page)
+        return None if outlines is None else shape_charts(outlines, density, self.page)
 
     def _try_on(self, i: int, shapes: Shapes, page: int, horizon: Int32) -> bool:
         """Place an object at its density above the horizon, which is raised; returns whether it fits."""

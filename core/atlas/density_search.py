@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from .outlines import Outlines
-from .packing import Page, Placement, Shapes, fits_alone, place_charts, shape_charts
+from .packing import Page, Placement, Shapes, place_charts, shape_charts
 from .page_plan import FILLED_SHARE, find_gap, solve_density
 
 _PRECISION = 1.01  # ratio of densities at which the search stops
@@ -80,11 +80,9 @@ def find_greatest_density(
 
 def _try_density(outlines: Outlines | None, density: float, page: Page, ceiling: int | None) -> _Try | None:
     """Charts placed at a density; None if a chart is longer than the page, or the layout exceeds `ceiling`, see place_charts."""
-    if outlines is None or not fits_alone(outlines, density, page):
-        return None
-    shapes = shape_charts(outlines, density, page)
-    placement = place_charts(shapes, page.empty_horizon(), ceiling)
-    return None if placement is None else _Try(density, shapes, placement)
+    shapes = None if outlines is None else shape_charts(outlines, density, page)
+    placement = None if shapes is None else place_charts(shapes, page.empty_horizon(), ceiling)
+    return None if shapes is None or placement is None else _Try(density, shapes, placement)
 
 
 def _foresee(outlines: Outlines, tries: list[_Try], height: float) -> float:

@@ -95,8 +95,11 @@ class Shapes:
     turns: Int64
 
 
-def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
-    """The charts at `density` texels/m. None may be longer than the page's inside (see fits_alone)."""
+def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes | None:
+    """The charts at `density` texels/m; None if one is longer than the page, or all are larger than it, so that they cannot fit it."""
+    longest, area = outlines.extent.max(initial=0.0) * density, float(outlines.area.sum()) * density**2
+    if longest > page.inside + _ROUNDING or area > page.inside**2 * (1 + 1e-9):
+        return None
     side = np.maximum(np.ceil(outlines.extent * density - _ROUNDING), 1).astype(np.int64)
     edge, chart = outlines.edge * density, outlines.edge_chart
     along = (_measure_profiles(edge, chart, side, page), _measure_profiles(edge[..., ::-1], chart, side[:, ::-1], page))
@@ -104,12 +107,6 @@ def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes:
     boxy = (outlines.area > _BOXY * outlines.extent.prod(axis=1)) | (side.max(axis=1) <= _SMALL)
     turns = np.where(outlines.rigid | (side.max(axis=1) == 1), 1, np.where(boxy, 2, 4))
     return Shapes(page, along, side, order, turns)
-
-
-def fits_alone(outlines: Outlines, density: float, page: Page) -> bool:
-    """Whether, at this density, no chart is longer than the page and their total area is not larger."""
-    longest = outlines.extent.max(initial=0.0) * density
-    return longest <= page.inside + _ROUNDING and float(outlines.area.sum()) * density**2 <= page.inside**2 * (1 + 1e-9)
 
 
 def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _Profiles:

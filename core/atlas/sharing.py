@@ -16,7 +16,7 @@ from ..scene.scene import SceneSnapshot
 from ..util.arrays import BoolArray, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .outlines import Outlines
-from .packing import Page, Placement, Shapes, fits_alone, place_charts, place_uv, shape_charts
+from .packing import Page, Placement, Shapes, place_charts, place_uv, shape_charts
 
 MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges relative to its charts'; beyond it texels are needles
 MAX_SIZE_RATIO = 4.0  # greatest ratio of sizes to the owner of the charts, either way; gaps are as wide as the smallest object needs
@@ -180,9 +180,9 @@ def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | N
     The gaps are a texel wider than the padding, since a block may be placed at fractions of a texel.
     """
     inner = Page(page.size + 2, page.padding + 1)
-    if not fits_alone(outlines, density, inner):
-        return None
     shapes = shape_charts(outlines, density, inner)
+    if shapes is None:
+        return None
     room = math.sqrt(float((shapes.side + inner.padding).prod(axis=1).sum()))
     widest = inner.inside // inner.step
     found: list[BlockLayout] = []

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from leaflight.core.atlas.density_search import find_greatest_density
-from leaflight.core.atlas.packing import Page, fits_alone, place_charts, shape_charts
+from leaflight.core.atlas.packing import Page, place_charts, shape_charts
 from plain_charts import rectangles, triangles
 
 
@@ -26,8 +26,8 @@ def test_density_is_the_greatest_to_a_few_percent(sizes):
     _, _, outlines = rectangles(sizes)
     density, *_ = find_greatest_density(outlines, page)
     for factor in (1.05, 1.1, 1.2, 1.5):
-        denser = density * factor
-        assert not fits_alone(outlines, denser, page) or place_charts(shape_charts(outlines, denser, page), page.empty_horizon()) is None
+        shapes = shape_charts(outlines, density * factor, page)
+        assert shapes is None or place_charts(shapes, page.empty_horizon()) is None
 
 
 @pytest.mark.parametrize(("size", "padding", "count"), [(16, 4, 100), (8, 4, 1), (4, 64, 1)])
