@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,7 @@ class Done:
 
 Message: TypeAlias = Status | Progress | Preview | Warning_ | Error | Done
 
-_KINDS: dict[str, type[Message]] = {
-    "STATUS": Status,
-    "PROGRESS": Progress,
-    "PREVIEW": Preview,
-    "WARNING": Warning_,
-    "ERROR": Error,
-    "DONE": Done,
-}
+_KINDS: dict[str, type[Message]] = {one.__name__.rstrip("_").upper(): one for one in get_args(Message)}
 
 
 def encode_message(message: Message) -> str:
