@@ -7,11 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int32, Int64, IntArray
-from ..util.geometry import UnitBox, dot_rows, offset_origin, orthonormal_basis, triangle_normals_areas
+from ..util.geometry import UnitBox, dot_rows, offset_origin, rotate_to, triangle_normals_areas
 from ..util.sampling import square_to_cosine_hemisphere
 from .materials import SurfaceMaterials
 from .rays import RayScene
 from .scene import Light, Material, SceneSnapshot
+from .shadow_rays import collapse
 
 MOST_LAMPS = 16  # shadow rays per point; if there are more lamps, so many are chosen at random
 _MOST_FORM = 30.0  # bound of area * cosines / distance^2, for points on a glowing surface; a whole surface has at most pi
@@ -45,8 +46,7 @@ class LightProbe:
         self.normal, self.area = triangle_normals_areas(self._corner)
         blocks = np.array([one.casts_shadow for one in snapshot.objects], bool)[snapshot.tri_object]
         blocks &= ~np.array([_lets_light_pass(one) for one in snapshot.materials], bool)[snapshot.tri_material]
-        # Other triangles lose their area, so that they are never hit but all keep their numbers.
-        self._rays = RayScene(self.box.to_unit(np.where(blocks[:, None, None], self._corner, self._corner[:, :1])))
+        self._rays = RayScene(collapse(self.box.to_unit(self._corner), blocks))
         dark = np.array([(one.dark_front, one.dark_back) for one in snapshot.materials], np.int8).reshape(-1, 2)[snapshot.tri_material]
         self._glow_side = dark[:, 1] - dark[:, 0]  # 1 in front, -1 behind, 0 both
         self._lamps = [light for light in snapshot.lights if any(light.power_rgb) and light.seen_by[0]]
@@ -68,9 +68,7 @@ class LightProbe:
 
     def trace(self, point: Float32, side: Float32) -> Seen:
         """Hits of cosine-distributed rays from points, on the side of the normals (n, 3)."""
-        tangent, bitangent = orthonormal_basis(side)
-        local = square_to_cosine_hemisphere(self._rng.random((len(point), 2)))
-        direction = (local[:, :1] * tangent + local[:, 1:2] * bitangent + local[:, 2:] * side).astype(np.float32)
+        direction = rotate_to(square_to_cosine_hemisphere(self._rng.random((len(point), 2))), side).astype(np.float32)
         origin = offset_origin(point, side)
         hits = self._rays.closest(origin, direction)
         met = hits.tri >= 0

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -61,21 +62,15 @@ def _find_colour(image: TextureImage) -> Rgb | None:
 
 
 def _fold_textures(material: Material, colour: list[Rgb | None]) -> Material:
+    """The material, with constants alone for constants times images of one colour."""
     changed: dict[str, Any] = {}
-    for image in (image for images in TEXTURE_UVS.values() for image in images):
-        rgb = image.replace("_image", "_rgb")
-        if getattr(material, rgb, None) is not None:  # normals have no constant
-            changed[rgb], changed[image] = _fold_texture(getattr(material, rgb), getattr(material, image), colour)
+    for image in chain.from_iterable(TEXTURE_UVS.values()):
+        name, number = image.replace("_image", "_rgb"), getattr(material, image)
+        rgb: Rgb | None = getattr(material, name, None)  # normals have no constant
+        factor = None if rgb is None or number < 0 else colour[number] if any(rgb) else rgb
+        if rgb is not None and factor is not None:
+            changed[name], changed[image] = tuple(one * two for one, two in zip(rgb, factor, strict=True)), -1
     return replace(material, **changed)
-
-
-def _fold_texture(rgb: Rgb, image: int, colour: list[Rgb | None]) -> tuple[Rgb, int]:
-    """A constant times an image, as a constant alone if the image has one colour."""
-    factor = colour[image] if image >= 0 and any(rgb) else (1.0, 1.0, 1.0)
-    if factor is None:
-        return rgb, image
-    red, green, blue = (one * two for one, two in zip(rgb, factor, strict=True))
-    return (red, green, blue), -1
 
 
 def _count_images(material: Material) -> int:
