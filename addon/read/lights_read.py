@@ -123,16 +123,17 @@ def read_light(obj: Any, matrix: FloatArray, name: str, warnings: Warnings, emis
     error = _light_error(data, matrix, size)
     power_rgb = multiply_rgb(_read_color(data, name, warnings, emission), (_read_strength(data, size),) * 3)
     if not error and not np.isfinite(power_rgb).all():
-        error = "its power is not a finite number"
+        error = "its power is not a finite number; correct strength, colour and exposure"
     if not error and min(power_rgb) < 0.0:
-        error = "it has negative power, which cannot be traced"
+        error = "its power is negative; make strength and colour positive"
     if error:
         warnings.append((name, f"the light is left out: {error}"))
         return None
     if max(power_rgb) <= 0.0:
         return None
     if data.cycles.max_bounces < _ANY_BOUNCES:
-        warnings.append((name, f"the light's Max Bounces ({data.cycles.max_bounces}) is left out: its light bounces as often as all light"))
+        text = f"the light's Max Bounces ({data.cycles.max_bounces}) is left out: it bounces as often as all light"
+        warnings.append((name, f"{text}; lower its power where that is too bright"))
     light = Light(
         kind="POINT" if emission and data.type != "AREA" else data.type,
         name=name,
@@ -161,11 +162,11 @@ def _area_size(data: Any, scale: FloatArray) -> tuple[float, float]:
 
 def _light_error(data: Any, matrix: FloatArray, size: tuple[float, float]) -> str:
     if not np.isfinite(matrix).all():
-        return "its position is not finite"
+        return "its position is not finite; correct location, rotation and scale, also of its parents"
     if data.type not in ("POINT", "SPOT", "SUN", "AREA"):
-        return f"lights of type {data.type} are not known"
+        return f"lights of type {data.type} are not known; choose Point, Sun, Spot or Area"
     if data.type == "AREA" and size[0] * size[1] <= 0.0:
-        return "its size is zero"
+        return "its size is zero; make the size of the lamp and the scale of the object greater"
     return ""
 
 

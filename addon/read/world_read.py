@@ -96,7 +96,7 @@ def _evaluate(world: Any, picture: NDArray[np.float32] | None, scene: Any, view_
 def _warn_of_losses(world: Any, warnings: Warnings) -> None:
     output = world.node_tree.get_output_node("CYCLES") or world.node_tree.get_output_node("ALL")
     if output is not None and output.inputs["Volume"].is_linked:
-        warnings.append((world.name, "the world's volume is left out: light is neither scattered nor dimmed by it"))
+        warnings.append((world.name, "the world's volume is left out: it neither scatters nor dims light; add fog where you show the bake"))
     if world.cycles.max_bounces < _ANY_BOUNCES:
-        bounces = f"Max Bounces ({world.cycles.max_bounces})"
-        warnings.append((world.name, f"the world's {bounces} is left out: its light bounces as often as all light"))
+        text = f"the world's Max Bounces ({world.cycles.max_bounces}) is left out: it bounces as often as all light"
+        warnings.append((world.name, f"{text}; lower its strength where that is too bright"))

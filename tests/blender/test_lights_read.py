@@ -104,23 +104,25 @@ def test_half_sphere_spot_and_flattened_spot():
 
 
 @pytest.mark.parametrize(
-    ("kind", "properties", "text"),
+    ("kind", "properties", "text", "what_to_do"),
     [
-        ("POINT", {"energy": -5.0}, "negative power"),
-        ("POINT", {"energy": math.nan}, "power is not a finite number"),
-        ("SUN", {"energy": math.inf}, "power is not a finite number"),
-        ("AREA", {"size": 0.0}, "size is zero"),
-        ("SPOT", {"use_square": True}, "square spot"),
-        ("SPOT", {"object_properties": {"scale": (1, 2, 1)}}, "oval cone"),
-        ("POINT", {"matrix": np.full((4, 4), np.nan)}, "not finite"),
+        ("POINT", {"energy": -5.0}, "power is negative", "make strength and colour positive"),
+        ("POINT", {"energy": math.nan}, "power is not a finite number", "correct strength"),
+        ("SUN", {"energy": math.inf}, "power is not a finite number", "correct strength"),
+        ("AREA", {"size": 0.0}, "size is zero", "make the size"),
+        ("SPOT", {"use_square": True}, "square spot", ""),
+        ("SPOT", {"object_properties": {"scale": (1, 2, 1)}}, "oval cone", ""),
+        ("POINT", {"matrix": np.full((4, 4), np.nan)}, "not finite", "correct location"),
     ],
 )
-def test_warnings(kind, properties, text):
+def test_warnings(kind, properties, text, what_to_do):
+    """One that is left out has a sentence that ends with what to do."""
     warnings = []
     light = read(kind, warnings=warnings, **properties)
     assert [subject for subject, _ in warnings] == ["Lamp"]
     assert text in warnings[0][1]
-    assert (light is None) == ("left out" in warnings[0][1])
+    assert (light is None) == ("left out" in warnings[0][1]) == bool(what_to_do)
+    assert warnings[0][1].rpartition("; ")[2].startswith(what_to_do)
 
 
 UNSEEN = {f"visible_{name}": False for name in ("diffuse", "glossy", "transmission")}

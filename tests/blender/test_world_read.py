@@ -151,7 +151,9 @@ def test_what_a_world_loses_is_told(sky):
     read(warnings)
     assert [subject for subject, _ in warnings] == ["Sky", "Sky"]
     assert "volume" in warnings[0][1]
+    assert "; add fog" in warnings[0][1]
     assert "Max Bounces (2)" in warnings[1][1]
+    assert "; lower its strength" in warnings[1][1]
 
 
 @pytest.mark.parametrize("turn", [None, -2.0])
