@@ -32,9 +32,14 @@ _LEVEL = 0.7  # a floor's unit normals have a mean height above this
 _NOTHING = 0.01  # a side sees nothing if at most this share of its rays meets anything
 _PERHAPS_DARK = 0.3  # as the above, for the first estimate from few points
 _SEEN = 0.5  # a sheet's back may be visible if this share of its rays meets fronts
+_BEHIND, _FREE = 0.5, 0.1  # a sheet looks at others' backs by this share of its rays or more, and its own back meets at most so much nearby
+_LESS = 0.6  # and has less than this share of the light of its own back
 
 TURNED = (
     "some faces look into a solid, where no light comes, so the light on their backs is kept; flip their normals, or set Sides to Front"
+)
+BEHIND = (
+    "some faces may look too dark: they look at backs of others, and more light is on their own; flip their normals, or set Sides to Both"
 )
 OPEN = "can be seen from both sides, but its lightmap has the light of the front; give it thickness, or set Sides to Both to add both up"
 
@@ -66,11 +71,12 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
         return SettledSides(snapshot, turned, ())
     parts = _Parts.of(snapshot, tri)
     probe = LightProbe(snapshot)
-    is_turned, is_open = _decide_sides(probe, parts)
+    is_turned, is_open, is_behind = _decide_sides(probe, parts)
     is_turned = _agree(snapshot, parts, is_turned)
     turned[tri] = is_turned[parts.tri_part]
     warnings = [
         *((snapshot.objects[i].name, TURNED) for i in np.unique(parts.part_object[is_turned])),
+        *((snapshot.objects[i].name, BEHIND) for i in np.unique(parts.part_object[is_behind & ~is_turned])),
         *((snapshot.objects[i].name, OPEN) for i in np.unique(parts.part_object[is_open & ~is_turned])),
     ]
     return SettledSides(turn(snapshot, turned) if turned.any() else snapshot, turned, tuple(warnings))
@@ -154,7 +160,7 @@ class _Samples:
 
     def trace(self, sign: int) -> tuple[Float64, ...]:
         """Shares of rays, (n_chosen,) each, that meet: a close surface; a close surface, the part itself or a back; the front of another
-        part; anything.
+        part; anything; a close back of another part.
         """
         seen: Seen = self._probe.trace(self.point, np.float32(sign) * self.front)
         own = np.zeros(len(seen.tri), bool)
@@ -164,26 +170,28 @@ class _Samples:
         own[met] = part[met] == np.repeat(self._chosen, self._each)[met]
         close = met & (seen.distance < _CLOSE * np.repeat(self._parts.extent_m[self._chosen], self._each))
         back = met & ~seen.is_front
-        return self.mean(close), self.mean(close | own | back), self.mean(seen.is_front & ~own), self.mean(met)
+        met_by_kind = close, close | own | back, seen.is_front & ~own, met, close & back & ~own
+        return tuple(map(self.mean, met_by_kind))
 
     def light(self, sign: int) -> Float64:
         """(n_chosen,) mean irradiance, W/m^2."""
         return self.mean(self._probe.find_irradiance(self.point, np.float32(sign) * self.front, _BOUNCES))
 
 
-def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[BoolArray, BoolArray]:
-    """(n_part,) bool each: parts to turn, and thin sheets that are visible from both sides."""
-    is_turned, is_open = np.zeros((2, len(parts)), bool)
+def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """(n_part,) bool each: parts to turn, thin sheets that are visible from both sides, and sheets that look at backs of others."""
+    is_turned, is_open, is_behind = np.zeros((3, len(parts)), bool)
     area = np.bincount(parts.tri_part, probe.area[parts.tri], minlength=len(parts))
     chosen = np.argsort(-area, kind="stable")[:_MOST_PARTS]
     chosen = np.sort(chosen[area[chosen] > 0.0])
     if not len(chosen):
-        return is_turned, is_open
+        return is_turned, is_open, is_behind
     samples = _Samples(probe, parts, chosen, min(max(_MOST_POINTS // len(chosen), _LEAST_EACH), _MOST_EACH))
-    close, within, _, met_before = samples.trace(1)
-    near, behind, back_sees, met = samples.trace(-1)
+    close, within, _, met_before, backs = samples.trace(1)
+    near, behind, back_sees, met, _ = samples.trace(-1)
     floor = samples.mean(samples.front[:, 2]) > _LEVEL  # the ground is not seen from below
-    perhaps = ((within >= _INSIDE) | (met_before >= _ENCLOSED)) & (behind < _INSIDE) & ~(floor & (met < _NOTHING))
+    below = floor & (met < _NOTHING)
+    perhaps = ((within >= _INSIDE) | (met_before >= _ENCLOSED)) & (behind < _INSIDE) & ~below
     in_sight = (np.maximum(close, near) < _SEEN) & (back_sees >= _SEEN)
     sheet = ~parts.closed[chosen] & in_sight
     dark = np.where(close >= _INSIDE, _DARK_BESIDE, _DARK_WITHIN)
@@ -192,7 +200,9 @@ def _decide_sides(probe: LightProbe, parts: _Parts) -> tuple[BoolArray, BoolArra
     rows = _keep_dark(probe, parts, chosen, rows, dark, _SURE_EACH)
     is_turned[chosen[rows]] = True
     is_open[chosen[sheet]] = True
-    return is_turned, is_open
+    rows = np.flatnonzero(~parts.closed[chosen] & (backs >= _BEHIND) & (np.maximum(near, behind) <= _FREE) & ~below)
+    is_behind[chosen[_keep_dark(probe, parts, chosen, rows, np.full_like(dark, _LESS), _SURE_EACH)]] = True
+    return is_turned, is_open, is_behind
 
 
 def _keep_dark(probe: LightProbe, parts: _Parts, chosen: IntArray, rows: IntArray, dark: Float64, each: int) -> Int64:

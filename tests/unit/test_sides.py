@@ -7,7 +7,7 @@ import pytest
 from boxes import bake_folder, room_mesh
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.scene import Light, Material, swap_corners
-from leaflight.core.scene.sides import OPEN, TURNED, settle_sides, turn
+from leaflight.core.scene.sides import BEHIND, OPEN, TURNED, settle_sides, turn
 from leaflight.core.util.job import LAYOUT_FILE
 from leaflight.core.util.messages import Warning_
 from leaflight.core.util.settings import AUTOMATIC, BOTH, FRONT, Settings
@@ -136,6 +136,26 @@ def test_sheets_that_are_seen_from_both_sides_are_named():
     picture = replace(quad_mesh("Picture"), vertex=np.array([[-2.98, -1, 0], [-2.98, 1, 0], [-2.98, 1, 1], [-2.98, -1, 1]], float))
     _, settled = settle(room, wall, picture, lights=[Light("POINT", "Lamp", (1.5, 0.3, 1.0), power_rgb=(100.0,) * 3)])
     assert settled.warnings == (("Screen", OPEN),)
+
+
+def make_wall(x, faces_right):
+    """A plane of 2.6 by 5 m, upright at x."""
+    wall = quad_mesh("Wall", 2.6, 5.0)
+    wall = replace(wall, vertex=np.stack([np.full(4, x), wall.vertex[:, 0] - 1.3, wall.vertex[:, 1] + 5.0], axis=1))
+    return wall if faces_right else inside_out(wall)
+
+
+@pytest.mark.parametrize(("left_faces_right", "warnings"), [(True, (("Sign", BEHIND),)), (False, ())])
+def test_a_side_of_a_hollow_sign_that_looks_at_the_back_of_the_other_is_named(left_faces_right, warnings):
+    sign = join_meshes("Sign", make_wall(-0.25, left_faces_right), make_wall(0.25, True))
+    _, settled = settle(GROUND, sign)
+    assert settled.warnings == warnings
+    assert not settled.tri_turned.any()
+
+
+def test_a_ground_below_another_is_not_named():
+    _, settled = settle(GROUND, moved(quad_mesh("Below", 10.0, 10.0), (-5.0, -5.0, -1.0)))
+    assert settled.warnings == ()
 
 
 def test_objects_that_share_a_mesh_are_turned_together_or_not_at_all():
