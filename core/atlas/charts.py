@@ -18,9 +18,9 @@ from .chart_search import find_charts
 from .density_search import find_greatest_density
 from .even_out import even_out
 from .outlines import Outlines
-from .packing import Page, Placement, Shapes, place_charts, place_uv, shape_charts
+from .packing import Layout, Page, Shapes, place_charts, shape_charts
 from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
-from .sharing import BlockLayout, join_outlines, lay_block, outline_block
+from .sharing import BlockLayout, join_outlines, lay_block
 
 _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
@@ -72,13 +72,11 @@ def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwa
 
 @dataclass(frozen=True)
 class _Packed:
-    """Objects placed on a page, their density in texels/m, and the placement of their charts or blocks."""
+    """Objects placed on a page, and the layout of their charts or blocks."""
 
     objects: list[int]
     page: int
-    density: float
-    shapes: Shapes
-    placement: Placement
+    layout: Layout
 
 
 @dataclass
@@ -86,13 +84,13 @@ class _BlockState:
     """The layout of a block.
 
     smallest, largest   objects of the block
-    laid                layout and outline at the last density
+    laid                layout at the last density
     alone               the smallest object placed on a page, if every object has a page of its own
     """
 
     smallest: int
     largest: int
-    laid: tuple[BlockLayout, Outlines] | None = None
+    laid: BlockLayout | None = None
     alone: _Packed | None = None
 
 
@@ -183,10 +181,10 @@ class _AtlasMaker:
         demand = self._measure_demand(objects)
         least = demand.find_least_density(self.page)
         several = len(objects) > 1 and self.settings.max_pages != 1
-        if found and (not several or is_one_enough(float(np.median(charts.area)), found.density, least)):
+        if found and (not several or is_one_enough(float(np.median(charts.area)), found.layout.density, least)):
             self._new_page()
             self._apply(found)
-            self._warn_of_small_charts(objects, found.density)
+            self._warn_of_small_charts(objects, found.layout.density)
             return
         if len(objects) == 1:
             raise _PageTooSmallError(objects[0])
@@ -277,16 +275,14 @@ class _AtlasMaker:
                 laid = self._lay_block(i, density)
                 if laid is None:
                     return None
-                parts.append(laid[1].scale(float(self.scale[i])))
+                parts.append(laid.outline.scale(float(self.scale[i])))
         return join_outlines(parts)
 
-    def _lay_block(self, i: int, density: float) -> tuple[BlockLayout, Outlines] | None:
-        """The layout of an object's block, and its outline in metres of the smallest object; None if it does not fit a page."""
+    def _lay_block(self, i: int, density: float) -> BlockLayout | None:
+        """The layout of an object's block; None if it does not fit a page."""
         block = self.blocks[int(self.object_block[i])]
-        if block.laid is None or block.laid[0].density != density:
-            outlines = self._select([block.smallest])
-            layout = lay_block(outlines, density, self.page)
-            block.laid = None if layout is None else (layout, outline_block(outlines, layout))
+        if block.laid is None or block.laid.layout.density != density:
+            block.laid = lay_block(self._select([block.smallest]), density, self.page)
         return block.laid
 
     def _fit(self, objects: list[int], page: int) -> _Packed:
@@ -294,14 +290,14 @@ class _AtlasMaker:
         found = self._find_fit(objects, page)
         if found is None:
             raise _PageTooSmallError(max(objects, key=lambda i: self._count_charts([i])))
-        self._warn_of_small_charts(objects, found.density)
+        self._warn_of_small_charts(objects, found.layout.density)
         return found
 
     def _find_fit(self, objects: list[int], page: int) -> _Packed | None:
         """Objects placed on a page at the greatest density that fits; None if there is none."""
         outlines = self._select(objects)
         found = find_greatest_density(outlines, self.page, lambda density: self._try(objects, density))
-        return None if found is None else _Packed(objects, page, *found)
+        return None if found is None else _Packed(objects, page, found)
 
     def _warn_of_small_charts(self, objects: list[int], density: float) -> None:
         first_chart = self.found.first_chart
@@ -324,7 +320,7 @@ class _AtlasMaker:
         for state, block in zip(self.blocks, self.found.blocks, strict=True):
             shapes = self._shape(state.largest)
             if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
-                self.density[list(block.members)] = self._fit([state.largest], -1).density
+                self.density[list(block.members)] = self._fit([state.largest], -1).layout.density
                 if self.settings.density > 0:
                     for i in block.members:
                         self._warn_less_dense(i, float(self.density[i]))
@@ -351,7 +347,7 @@ class _AtlasMaker:
     def _pack_less_dense(self, i: int) -> None:
         packed = self._fit([i], self._new_page())
         if self.settings.density > 0:
-            self._warn_less_dense(i, packed.density)
+            self._warn_less_dense(i, packed.layout.density)
         self._apply(packed)
 
     def _shape(self, i: int) -> Shapes | None:
@@ -362,10 +358,10 @@ class _AtlasMaker:
 
     def _try_on(self, i: int, shapes: Shapes, page: int, horizon: Int32) -> bool:
         """Place an object at its density above the horizon, which is raised; returns whether it fits."""
-        placement = place_charts(shapes, horizon)
-        if placement is not None:
-            self._apply(_Packed([i], page, float(self.density[i]), shapes, placement))
-        return placement is not None
+        layout = place_charts(shapes, horizon)
+        if layout is not None:
+            self._apply(_Packed([i], page, layout))
+        return layout is not None
 
     def _pack_first_fit(self, objects: list[int]) -> None:
         """Place whole objects, the largest first, each on the first page that has room for it."""
@@ -393,7 +389,7 @@ class _AtlasMaker:
             rows = rows[self.found.chart[rows] >= 0]
             uv, chart = self.found.uv[rows], self.found.chart[rows] - self.found.first_chart[i]
             if self.object_block[i] < 0:
-                self.uv[rows] = place_uv(uv, part + chart, packed.density, packed.shapes, packed.placement)
+                self.uv[rows] = packed.layout.place(uv, part + chart)
                 part += int(self.found.first_chart[i + 1] - self.found.first_chart[i])
             else:
                 self.uv[rows] = self._place_block(i, uv, chart, packed, part)
@@ -402,10 +398,9 @@ class _AtlasMaker:
 
     def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
         """UVs of an object of a block, in texels; sets its object_place."""
-        laid = self._lay_block(i, packed.density)
-        assert laid is not None, "it was laid out to be packed"
-        layout = laid[0]
-        offset = packed.placement.offset[part]
-        side = max(float(layout.side.max()) * self.scale[i], _LEAST_SIDE)
+        block = self._lay_block(i, packed.layout.density)
+        assert block is not None, "it was laid out to be packed"
+        offset = packed.layout.offset[part]
+        side = max(float(block.side.max()) * self.scale[i], _LEAST_SIDE)
         self.object_place[i] = np.array([side, side, *offset]) / self.page.size
-        return layout.place(uv / self.size[i], chart) * self.scale[i] + offset
+        return block.place(uv / self.size[i], chart) * self.scale[i] + offset

@@ -48,20 +48,6 @@ class Page:
 
 
 @dataclass(frozen=True)
-class Placement:
-    """Placement of charts on their page.
-
-    turn     (n,) int64      quarter turns, counterclockwise
-    offset   (n, 2) int64    texels: page texel of the turned chart's lower left corner
-    top      height of the layout within the page's inside, texels
-    """
-
-    turn: Int64
-    offset: Int64
-    top: int
-
-
-@dataclass(frozen=True)
 class _Profiles:
     """Lowest and highest texels of charts in each of their columns, and in `reach` columns more on both sides.
 
@@ -82,17 +68,56 @@ class _Profiles:
 class Shapes:
     """Charts at a density, ready to be placed.
 
-    along   profiles along x and along y
-    side    (n, 2) int64, texels
-    order   (n,) int64    order in which they are placed
-    turns   (n,) int64    number of quarter turns to try
+    density   texels/m
+    along     profiles along x and along y
+    side      (n, 2) int64, texels
+    order     (n,) int64    order in which they are placed
+    turns     (n,) int64    number of quarter turns to try
     """
 
     page: Page
+    density: float
     along: tuple[_Profiles, _Profiles]
     side: Int64
     order: Int64
     turns: Int64
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Charts placed on a page.
+
+    turn     (n,) int64      quarter turns, counterclockwise
+    offset   (n, 2) int64    texels: page texel of the turned chart's lower left corner
+    top      its height within the page's inside, texels
+    """
+
+    shapes: Shapes
+    turn: Int64
+    offset: Int64
+    top: int
+
+    @property
+    def density(self) -> float:
+        """Texels/m."""
+        return self.shapes.density
+
+    def place(self, points: Float64, chart: Int64) -> Float64:
+        """(n, k, 2) float64: points of charts, in texels of the page.
+
+        points   (n, k, 2) float64, m, as in the outlines
+        chart    (n,) int64
+        """
+        x, y = points[..., 0] * self.density, points[..., 1] * self.density
+        step = self.shapes.page.step
+        side = self.shapes.side[chart]
+        # Turned charts are aligned to whole columns at their left, like their reversed profiles.
+        reversed_x, reversed_y = (-(-side // step) * step).T[:, :, None]
+        width, height = side.T[:, :, None]
+        turn = self.turn[chart][:, None]
+        new_x = np.choose(turn, [x, reversed_y - y, reversed_x - x, y])
+        new_y = np.choose(turn, [y, x, height - y, width - x])
+        return np.stack([new_x, new_y], axis=2) + self.offset[chart][:, None]
 
 
 def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes | None:
@@ -106,7 +131,7 @@ def shape_charts(outlines: Outlines, density: float, page: Page) -> Shapes | Non
     order = np.lexsort((-side.min(axis=1), -side.max(axis=1)))  # long charts first; lexsort is stable
     boxy = (outlines.area > _BOXY * outlines.extent.prod(axis=1)) | (side.max(axis=1) <= _SMALL)
     turns = np.where(outlines.rigid | (side.max(axis=1) == 1), 1, np.where(boxy, 2, 4))
-    return Shapes(page, along, side, order, turns)
+    return Shapes(page, density, along, side, order, turns)
 
 
 def _measure_profiles(edge: Float64, chart: Int64, side: Int64, page: Page) -> _Profiles:
@@ -169,7 +194,7 @@ class _Sides:
         return upper if turn in (0, 3) else upper[::-1]
 
 
-def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> Placement | None:
+def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> Layout | None:
     """Place the charts above the horizon, which is raised. Returns None and leaves the horizon as it is if they do not fit.
 
     ceiling   greatest height, texels; by default that of the page's inside
@@ -218,7 +243,7 @@ def place_charts(shapes: Shapes, horizon: Int32, ceiling: int | None = None) -> 
         offset[shapes.order[is_point]] = padding + placed * [step, 1]
         top = max(top, int(placed[:, 1].max()) + 1)
     horizon[:] = taken[:columns]
-    return Placement(turn, offset, top)
+    return Layout(shapes, turn, offset, top)
 
 
 def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | None:
@@ -238,21 +263,3 @@ def _place_points(count: int, bottoms: Int32, page: Page, most: int) -> Int64 | 
         np.maximum(around, bottom + 1 + page.padding, out=around)
         placed.append((column, bottom))
     return np.array(placed, np.int64)
-
-
-def place_uv(uv: Float64, chart: Int64, density: float, shapes: Shapes, placement: Placement) -> Float64:
-    """(n, 3, 2) float64: UVs in texels of the page.
-
-    uv      (n, 3, 2) float64, m, as in the outlines
-    chart   (n,) int64
-    """
-    x, y = uv[..., 0] * density, uv[..., 1] * density
-    step = shapes.page.step
-    side = shapes.side[chart]
-    # Turned charts are aligned to whole columns at their left, like their reversed profiles.
-    reversed_x, reversed_y = (-(-side // step) * step).T[:, :, None]
-    width, height = side.T[:, :, None]
-    turn = placement.turn[chart][:, None]
-    new_x = np.choose(turn, [x, reversed_y - y, reversed_x - x, y])
-    new_y = np.choose(turn, [y, x, height - y, width - x])
-    return np.stack([new_x, new_y], axis=2) + placement.offset[chart][:, None]

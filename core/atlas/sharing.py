@@ -2,6 +2,8 @@
 their charts are packed once, then moved and scaled as one.
 """
 
+from __future__ import annotations
+
 import math
 from bisect import bisect_left, insort
 from collections.abc import Iterator, Sequence
@@ -16,7 +18,7 @@ from ..scene.scene import SceneSnapshot
 from ..util.arrays import BoolArray, Float64, FloatArray, Int64, IntArray
 from ..util.geometry import triangle_normals_areas
 from .outlines import Outlines
-from .packing import Page, Placement, Shapes, place_charts, place_uv, shape_charts
+from .packing import Layout, Page, place_charts, shape_charts
 
 MAX_STRETCH = 2.0  # longest over shortest scale of an object's edges relative to its charts'; beyond it texels are needles
 MAX_SIZE_RATIO = 4.0  # greatest ratio of sizes to the owner of the charts, either way; gaps are as wide as the smallest object needs
@@ -154,24 +156,27 @@ _WIDTHS = (0.6, 0.75, 0.95, 1.2)  # candidate widths, relative to the side of a 
 class BlockLayout:
     """The packing of a block at the density of its smallest object.
 
-    density   texels/m
-    low       (2,) float64, texels: lower left corner in the placement
+    low       (2,) float64, texels: lower left corner in the layout
     side      (2,) float64, texels: width and height
+    outline   the block as one outline that must not be turned, in metres of its smallest object
     """
 
-    density: float
-    shapes: Shapes
-    placement: Placement
+    layout: Layout
     low: Float64
     side: Float64
+    outline: Outlines
+
+    @classmethod
+    def of(cls, outlines: Outlines, layout: Layout) -> BlockLayout:
+        edge = layout.place(outlines.edge, outlines.edge_chart)
+        low = edge.min(axis=(0, 1))
+        side, density = edge.max(axis=(0, 1)) - low, layout.density
+        start, area = np.array([0, len(edge)]), outlines.area.sum(keepdims=True)
+        return cls(layout, low, side, Outlines((edge - low) / density, start, side[None] / density, area, np.ones(1, bool)))
 
     def place(self, points: Float64, chart: Int64) -> Float64:
-        """(n, k, 2) float64: points of charts, in texels of the block.
-
-        points   (n, k, 2) float64, m, as in the outlines
-        chart    (n,) int64
-        """
-        return place_uv(points, chart, self.density, self.shapes, self.placement) - self.low
+        """As Layout.place, in texels of the block."""
+        return self.layout.place(points, chart) - self.low
 
 
 def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | None:
@@ -185,25 +190,10 @@ def lay_block(outlines: Outlines, density: float, page: Page) -> BlockLayout | N
         return None
     room = math.sqrt(float((shapes.side + inner.padding).prod(axis=1).sum()))
     widest = inner.inside // inner.step
-    found: list[BlockLayout] = []
-    for columns in sorted({min(widest, max(1, round(room * share / inner.step))) for share in _WIDTHS}):
-        placement = place_charts(shapes, np.full(columns + 2 * inner.reach, -inner.padding, np.int32))
-        if placement is not None:
-            found.append(_measure_layout(outlines, density, shapes, placement))
-    return min(found, key=lambda layout: float((layout.side + page.padding).prod()), default=None)
-
-
-def outline_block(outlines: Outlines, layout: BlockLayout) -> Outlines:
-    """The block as one outline that must not be turned, in metres of its smallest object."""
-    edge = layout.place(outlines.edge, outlines.edge_chart) / layout.density
-    extent, area = layout.side[None] / layout.density, outlines.area.sum(keepdims=True)
-    return Outlines(edge, np.array([0, len(edge)]), extent, area, np.ones(1, bool))
-
-
-def _measure_layout(outlines: Outlines, density: float, shapes: Shapes, placement: Placement) -> BlockLayout:
-    placed = place_uv(outlines.edge, outlines.edge_chart, density, shapes, placement)
-    low = placed.min(axis=(0, 1))
-    return BlockLayout(density, shapes, placement, low, placed.max(axis=(0, 1)) - low)
+    columns = sorted({min(widest, max(1, round(room * share / inner.step))) for share in _WIDTHS})
+    tried = (place_charts(shapes, np.full(count + 2 * inner.reach, -inner.padding, np.int32)) for count in columns)
+    found = (BlockLayout.of(outlines, layout) for layout in tried if layout is not None)
+    return min(found, key=lambda block: float((block.side + page.padding).prod()), default=None)
 
 
 def join_outlines(parts: Sequence[Outlines]) -> Outlines:
