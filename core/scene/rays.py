@@ -43,7 +43,6 @@ class RayScene:
     """
 
     def __init__(self, tri_position_unit: Float32) -> None:
-        self._tri_position_unit = tri_position_unit
         solid = triangle_normals_areas(tri_position_unit)[1] > 0
         # By rounding, a triangle without area could still be hit, and its normal is arbitrary.
         self._tri_of_primitive: Int32 | None = None
@@ -56,9 +55,6 @@ class RayScene:
             triangle_mesh(self._embree, np.ascontiguousarray(tri_position_unit[solid], np.float32))
         # The first run commits the scene, which is not thread-safe.
         self._embree.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
-
-    def __reduce__(self) -> tuple[type[RayScene], tuple[Float32]]:
-        return RayScene, (self._tri_position_unit,)  # a bvh cannot be pickled; workers build their own
 
     def closest(self, origin: Float32, direction: Float32, distance: Float32 | None = None) -> Hits:
         """The first triangle along each ray, from either side.

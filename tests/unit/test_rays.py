@@ -1,5 +1,4 @@
 import dataclasses
-import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -67,11 +66,6 @@ def test_triangles_without_area_are_left_out_but_counted():
     scene = rays.RayScene(np.concatenate([line, TRIANGLE, line, TRIANGLE - np.float32([0, 0, 0.25])]))
     origin = np.float32([[0.1, 0.1, 0.5], [0.1, 0.1, -0.5], [0.4, 0.4, 0.5]])
     np.testing.assert_array_equal(scene.closest(origin, np.concatenate([DOWN, -DOWN, DOWN])).tri, [1, 3, -1])
-
-
-def test_a_copy_in_another_process_sees_the_same():
-    scene = pickle.loads(pickle.dumps(rays.RayScene(TRIANGLE)))
-    assert scene.closest(np.float32([[0.1, 0.1, 0.5]]), DOWN).tri == [0]
 
 
 def test_a_missing_embreex_is_told_with_what_to_do(monkeypatch):
