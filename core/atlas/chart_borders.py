@@ -7,7 +7,7 @@ Source: Lipman 2014, "Bijective mappings of meshes with boundary and the degree 
 
 import numpy as np
 
-from ..scene.topology import join_sets
+from ..scene.topology import join_sets, number_points
 from ..util.arrays import BoolArray, Float64, Int64, IntArray
 from ..util.coverage import chunk_ranges, expand_ranges
 
@@ -33,7 +33,7 @@ def find_plain_charts(tri_vertex: IntArray, tri_uv: Float64, tri_chart: Int64, s
     order = np.argsort(chart, kind="stable")
     tri, side, chart = tri[order], side[order], chart[order]
     start, end = tri_uv[tri, side], tri_uv[tri, (side + 1) % 3]
-    place_start, place_end = _number_places(chart, start, end)
+    place_start, place_end = number_points(np.concatenate([start, end]), np.tile(chart, 2)).reshape(2, -1)
     plain &= _winds_once(chart, start, end, place_start, place_end, n_chart)
     plain &= np.bincount(chart, minlength=n_chart) <= _MOST_SIDES
     asked = plain[chart]
@@ -56,17 +56,6 @@ def _find_odd_sides(tri_vertex: IntArray, tri_chart: Int64, shared: BoolArray) -
     edge = np.cumsum((np.diff(pair, prepend=-1) != 0) | (np.diff(chart, prepend=-1) != 0)) - 1
     odd = np.bincount(edge, np.where(start < end, 1.0, -1.0)[order]) != 0.0
     return np.asarray(tri[order][odd[edge]])
-
-
-def _number_places(chart: Int64, start: Float64, end: Float64) -> tuple[Int64, Int64]:
-    """Numbers of the points (n, 2) where sides start and end, equal only for identical points of one chart."""
-    x, y = np.concatenate([start, end]).T
-    both = np.tile(chart, 2)
-    order = np.lexsort((y, x, both))
-    differs = (np.diff(both[order]) != 0) | (np.diff(x[order]) != 0.0) | (np.diff(y[order]) != 0.0)
-    number = np.zeros(len(both), np.int64)
-    number[order[1:]] = np.cumsum(differs)
-    return number[: len(chart)], number[len(chart) :]
 
 
 def _winds_once(chart: Int64, start: Float64, end: Float64, place_start: Int64, place_end: Int64, n_chart: int) -> BoolArray:

@@ -111,26 +111,31 @@ def _find_crowded(place: Int64, tri_vertex: IntArray, tri_group: IntArray) -> Bo
 
 
 def _number_places(vertex_position: Float64, tri_vertex: IntArray, tri_group: IntArray) -> Int64:
-    """(n_vertex,) int64, below n_vertex: numbers of vertices, equal for those of one group at one position; -1 for those of no triangle.
-
-    Hash collisions may give different numbers to a position, with a probability of 10^-6 among millions of vertices.
-    """
-    group = np.full(len(vertex_position), -1)
+    """(n_vertex,) int64: number_points of vertices by the group of their triangles; -1 for those of no triangle."""
+    group, number = np.full((2, len(vertex_position)), -1)
     group[tri_vertex] = tri_group[:, None]
     used = np.flatnonzero(group >= 0)
-    order = used[np.argsort(hash_points(vertex_position[used], group[used]))]
-    here, group_here = vertex_position[order], group[order]
+    number[used] = number_points(vertex_position[used], group[used])
+    return number
+
+
+def number_points(point: Float64, group: IntArray) -> Int64:
+    """(n,) int64, below n: numbers of points (n, k), equal for those of one group (n,) at one position.
+
+    Hash collisions may give different numbers to a position, with a probability of 10^-6 among millions of points.
+    """
+    order = np.argsort(hash_points(point, group))
+    here, group_here = point[order], group[order]
     differs = (here[1:] != here[:-1]).any(axis=1) | (group_here[1:] != group_here[:-1])
-    number = np.full(len(vertex_position), -1)
-    number[order[:1]] = 0
+    number = np.zeros(len(point), np.int64)
     number[order[1:]] = np.cumsum(differs)
     return number
 
 
 def hash_points(point: Float64, group: IntArray | int = 0) -> NDArray[np.uint64]:
-    """(...): hashes of points (..., 3) of groups (...), which are sorted several times faster than three coordinates."""
+    """(...): hashes of points (..., k) of groups (...), which are sorted several times faster than coordinates."""
     mixed = np.full(point.shape[:-1], group, np.uint64)
-    for axis in range(3):
+    for axis in range(point.shape[-1]):
         mixed = (mixed ^ (point[..., axis] + 0.0).view(np.uint64)) * _MIX  # -0.0 becomes 0.0
         mixed ^= mixed >> np.uint64(32)
     return mixed
