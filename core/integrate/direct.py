@@ -63,7 +63,7 @@ class DirectScene:
     def of(
         cls, rays: ShadowRays, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials, meshes: EmittingMeshes
     ) -> DirectScene:
-        receiving = ReceivingSurfaces.of(snapshot, unit_box)
+        receiving = ReceivingSurfaces.of(snapshot, unit_box, surfaces)
         links = LightLinks.of(snapshot)
         plain = [light for light, row in zip(snapshot.lights, links.of_light, strict=True) if row < 0]
         lamps, suns, world = make_lamps(plain, unit_box, snapshot.profiles), make_suns(plain), make_world(snapshot)

@@ -10,6 +10,7 @@ from random import Random
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.materials import SurfaceMaterials
 from ..scene.normal_maps import NormalMaps, shade_bumps
 from ..scene.scene import SceneSnapshot
 from ..scene.shadow_rays import ShadowRays, Sight
@@ -73,6 +74,7 @@ def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], Int64]:
 
 GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
 _TEXEL_POINTS = base_points(STAGES[-1][1])
+_MOVES = 8  # of points to where the albedo is higher; were a tenth of a texel all that reflects, half of the points would reach it
 # Points on the light have another order, so that they are not correlated with points in the texel; of 2,000 seeds this is the best.
 _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
 LIGHT_PLACE = _order_strata(_LIGHT_POINTS)
@@ -85,6 +87,19 @@ def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float
     """
     bits = points.T[:, :, None] ^ shift.T[:, None, :]
     return np.moveaxis(to_unit_interval(bits), 0, -1)
+
+
+def _hash_pairs(bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """(..., 2) uint32: numbers that look independent of bits (..., 2), of each other, and of those of other bits.
+
+    Source: Jarzynski & Olano 2020, "Hash functions for GPU rendering", pcg2d.
+    """
+    x, y = np.moveaxis(bits * np.uint32(1664525) + np.uint32(1013904223), -1, 0)
+    for _ in range(2):
+        x = x + y * np.uint32(1664525)
+        y = y + x * np.uint32(1664525)
+        x, y = x ^ (x >> np.uint32(16)), y ^ (y >> np.uint32(16))
+    return np.stack([x, y], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -149,6 +164,7 @@ class ReceivingSurfaces:
     smooth           (n_tri,) bool                     whether the corners' normals differ from the geometric one
     shading_normal   (n_tri, 3, 3) float32
     maps             normal maps, None if there are none
+    surfaces         what these surfaces reflect; None if there are no normal maps, and where all points of a texel count alike
     """
 
     corner_unit: Float32
@@ -157,13 +173,16 @@ class ReceivingSurfaces:
     smooth: BoolArray
     shading_normal: Float32
     maps: NormalMaps | None = None
+    surfaces: SurfaceMaterials | None = None
 
     @classmethod
-    def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox) -> ReceivingSurfaces:
+    def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials) -> ReceivingSurfaces:
         corner_unit = unit_box.to_unit(snapshot.tri_position)
         normal = triangle_normals_areas(snapshot.tri_position)[0].astype(np.float32)
         smooth = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2)) > _SMOOTH_DEVIATION
-        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal, NormalMaps.of(snapshot))
+        maps = NormalMaps.of(snapshot)
+        reflecting = surfaces if maps is not None and surfaces.find_patterned().any() else None
+        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal, maps, reflecting)
 
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
@@ -186,7 +205,7 @@ class ReceivingSurfaces:
         normal[0] = side
         corners = triangle_frames(self.shading_normal[tri[smooth]])
         normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
-        bumps = Bumps(self.maps, bumped, tri, weight) if self.maps and bumped.any() else None
+        bumps = Bumps(self.maps, bumped, tri, weight, self.surfaces) if self.maps and bumped.any() else None
         return ReceiverFrames(position, side, normal, is_smooth | bumped, bumps)
 
 
@@ -208,12 +227,31 @@ class Bumps:
     bumped   (n,) bool           whether the element has a map
     tri      (n,) int32
     weight   (3, 2, n) float32   of corners 1 and 2, at the origin and along the axes
+    surfaces as of ReceivingSurfaces
     """
 
     maps: NormalMaps
     bumped: BoolArray
     tri: Int32
     weight: Float32
+    surfaces: SurfaceMaterials | None
+
+    def find_patterned(self) -> BoolArray:
+        """(n,) bool: elements of a map over which the albedo varies too."""
+        return self.bumped & self.surfaces.find_patterned()[self.tri] if self.surfaces else np.zeros(len(self.tri), bool)
+
+    def find_albedo(self, element: IntArray, a: FloatArray, b: FloatArray) -> Float32:
+        """(k, m) float32: diffuse albedo, the mean of its channels, at coordinates a, b (k, m) of elements (k, m)."""
+        assert self.surfaces is not None
+        own = element.ravel()
+        u, v = self._weigh_corners(own, a.ravel(), b.ravel())
+        return self.surfaces.diffuse_at(self.tri[own], u, v).reshape(a.shape)
+
+    def _weigh_corners(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Weights (n,) of corners 1 and 2, at coordinates a, b (n,) of elements (n,)."""
+        weight = self.weight.take(element, axis=2)
+        u, v = weight[0] + a * weight[1] + b * weight[2]
+        return u, v
 
     def put_normals(self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray) -> None:
         """Write the maps' normals into normal (3, k, m), at coordinates a, b (k, m) of elements (1 or k, m); side (3, n).
@@ -223,8 +261,7 @@ class Bumps:
         every = np.broadcast_to(element, a.shape).ravel()
         rows = np.flatnonzero(self.bumped[every])
         own = every[rows]
-        weight = self.weight.take(own, axis=2)
-        u, v = weight[0] + a.ravel()[rows] * weight[1] + b.ravel()[rows] * weight[2]
+        u, v = self._weigh_corners(own, a.ravel()[rows], b.ravel()[rows])
         found, of_maps = self.maps.look_up(self.tri[own], u, v, side.take(own, axis=1))
         normal.reshape(3, -1)[:, rows[found]] = of_maps
 
@@ -285,6 +322,8 @@ class TexelChunk:
 
     def __init__(self, footprints: TexelFootprints, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
         self._footprints, self._shift, self._frames = footprints, shift, surfaces.follow(footprints, flip)
+        # Texels whose points are chosen by their albedo.
+        self._patterned = self._frames.bumps.find_patterned()[: len(footprints)] if surfaces.surfaces and self._frames.bumps else None
 
     def __len__(self) -> int:
         return len(self._footprints)
@@ -300,7 +339,41 @@ class TexelChunk:
 
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Origins of rays first ... last - 1 of texels `rows`, ordered by ray: ((last - first) * len(rows), ...)."""
-        return self.receivers_at(rows, shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows)))
+        points = shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows))
+        patterned = np.flatnonzero(self._patterned[rows]) if self._patterned is not None else ()
+        if len(patterned):
+            points[:, patterned] = self._choose_by_albedo(rows[patterned], first, last)
+        return self.receivers_at(rows, points)
+
+    def _choose_by_albedo(self, rows: IntArray, first: int, last: int) -> Float32:
+        """(last - first, len(rows), 2): points of the unit squares, as dense as the diffuse albedo is high there.
+
+        A bump in a dark groove counts by as little as it reflects: the light of a texel is what its surface reflects over its albedo, as
+        in Cycles' bake. Where the albedo is the same everywhere every point is moved, and the last ones are as well distributed as any.
+        Source: Hastings 1970, "Monte Carlo sampling methods using Markov chains and their applications", with independent proposals.
+        """
+        shift, base = take_rows(self._shift, rows), _TEXEL_POINTS[first:last]
+        points = shift_points(base, shift)
+        albedo = self._albedo_at(rows, points)
+        for _ in range(_MOVES):
+            shift = _hash_pairs(shift)
+            other = shift_points(base, shift)
+            other_albedo = self._albedo_at(rows, other)
+            chance = to_unit_interval(_hash_pairs(base[:, None] ^ shift[None])[..., 0])
+            moved = chance * albedo <= other_albedo
+            points[moved], albedo[moved] = other[moved], other_albedo[moved]
+        return points
+
+    def _albedo_at(self, rows: IntArray, points: Float32) -> Float32:
+        """(k, m): diffuse albedo at points (k, m, 2) of the unit squares of texels `rows` (m,), which have normal maps."""
+        assert self._frames.bumps is not None
+        element, a, b = np.broadcast_to(rows, points.shape[:2]), points[..., 0], points[..., 1]
+        part = self._footprints.part[rows]
+        torn = np.flatnonzero(part >= 0)
+        if len(torn):
+            element, a, b = element.copy(), a.copy(), b.copy()
+            element[:, torn], a[:, torn], b[:, torn] = self._footprints.choose(part[torn], points[:, torn])
+        return self._frames.bumps.find_albedo(element, a, b)
 
     def receivers_at(self, rows: IntArray, points: FloatArray) -> Receivers:
         """Receivers at points (k, 1 or len(rows), 2) of the unit squares of texels `rows`, ordered by point."""

@@ -138,6 +138,19 @@ class SurfaceMaterials:
         """Whether any triangle reflects or refracts light."""
         return bool(self.reflectance.tri_rgb.any() or self.tri_glass.any())
 
+    def diffuse_at(self, tri: IntArray, u: FloatArray, v: FloatArray) -> Float32:
+        """(n,) float32 >= 0: mean of the albedo's channels, less what a metal reflects; arguments are as of Layer.at."""
+        out: Float32 = np.maximum(self.albedo.at(tri, u, v) - self.metal.at(tri, u, v), 0).mean(axis=1)
+        return out
+
+    def find_patterned(self) -> BoolArray:
+        """(n_tri,) bool: triangles over which diffuse_at varies."""
+        out = np.zeros(self.albedo.tri_rgb.shape[1], bool)
+        for layer in (self.albedo, self.metal):
+            if layer.tri_image is not None:
+                out |= layer.tri_image >= 0
+        return out
+
     def dim_back(self, tri: IntArray, is_front: BoolArray) -> Float32 | None:
         """(3, n): factors on what triangles (n,) reflect of light on their fronts, is_front (n,), or backs; None where all are 1."""
         return None if self._tri_back is None else np.where(is_front, np.float32(1), gather(self._tri_back, tri))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from floors import floor_footprints, lit_scene, prepare
 from leaflight.core.lights.direct_points import MIDDLE, ReceivingSurfaces, TexelChunk, random_shift
+from leaflight.core.scene.materials import SurfaceMaterials
 from leaflight.core.texels.texel_footprint import TexelFootprints
 from leaflight.core.util.geometry import UnitBox
 from scenes import make_scene, sphere_mesh
@@ -36,7 +37,7 @@ def test_smooth_triangles_have_interpolated_unit_normals():
     flat = make_scene([sphere_mesh(rings=6, segments=8)])
     corner_normal = flat.tri_position / np.linalg.norm(flat.tri_position, axis=2, keepdims=True)
     smooth = replace(flat, tri_normal=corner_normal.astype(np.float32))
-    surfaces = ReceivingSurfaces.of(smooth, UnitBox(np.zeros(3), 1.0))
+    surfaces = ReceivingSurfaces.of(smooth, UnitBox(np.zeros(3), 1.0), SurfaceMaterials(smooth))
     tri = np.arange(flat.n_tri)
     receivers = chunk_at(surfaces, tri, 1 / 3, 1 / 3).receivers_at(tri, MIDDLE)
     expected = corner_normal.mean(axis=1) / np.linalg.norm(corner_normal.mean(axis=1), axis=1, keepdims=True)

@@ -83,7 +83,8 @@ def test_turned_surfaces_keep_the_tangents_of_their_corners():
 
 def bake_lighting(folder, scene, **settings):
     """(h, w) of a page that the square fills but for its rim."""
-    chosen = Settings(size=16, padding=1, workers=1, error=0.05, max_photons=20_000, passes=("lighting",), sides="front", **settings)
+    settings = {"error": 0.05, **settings}
+    chosen = Settings(size=16, padding=1, workers=1, max_photons=20_000, passes=("lighting",), sides="front", **settings)
     bake_folder(folder, scene, chosen)
     [path] = (folder / "images").glob("*.exr")
     return read_image(path)[0][4:-4, 4:-4, 0]
@@ -139,6 +140,21 @@ def test_texels_of_many_bumps_have_the_mean_of_their_light(tmp_path):
     page = bake_lighting(tmp_path / "many", tilted_scene(*bumps, lights=[Light("SUN", "Sun", power_rgb=(math.pi,) * 3)]))
     mean = (1.0 + math.cos(1.2)) / 2.0
     assert page.mean() == pytest.approx(mean, rel=0.04)
+
+
+@pytest.mark.usefixtures("open_image_io")
+@pytest.mark.parametrize("kind", ["albedo", "metal"])
+def test_a_texel_counts_its_bumps_by_what_they_reflect(tmp_path, kind):
+    """A dark groove that leans away from the light, or one of metal, takes less part in what is seen of the texel."""
+    tilts, shares = (0.0, 1.2), (0.8, 0.2)
+    bumps = [(math.sin(tilt), 0.0, math.cos(tilt)) for tilt in tilts] * 40
+    scene = tilted_scene(*bumps, lights=[Light("SUN", "Sun", power_rgb=(math.pi,) * 3)])
+    pattern = np.repeat(np.float32(shares if kind == "albedo" else (0.2, 0.8)), 3).reshape(1, 2, 3).repeat(40, axis=0).reshape(1, 80, 3)
+    images = (*scene.images, TextureImage("pattern", pattern, "EXTEND", closest=True))
+    material = replace(scene.materials[0], **{"albedo_rgb": (1.0,) * 3, f"{kind}_image": 1, f"{kind}_rgb": (1.0,) * 3})
+    uv = {"tri_albedo_uv": scene.tri_normal_uv, "tri_metal_uv": scene.tri_normal_uv}
+    page = bake_lighting(tmp_path / "many", replace(scene, images=images, materials=(material,), **uv), error=0.003)
+    assert page.mean() == pytest.approx(np.average(np.cos(tilts), weights=shares), rel=0.01)
 
 
 def bake_texels(tilts, error=0.01, denoise=True):
