@@ -63,8 +63,12 @@ class RadiositySolution:
 
     @cached_property
     def direct_share(self) -> Float64:
-        """(n_node, 3) in [0, 1]: share of a node's light that photons brought straight from lamps, or from lamps by mirrors and glass."""
-        direct, indirect = np.maximum(self.solution.coefficient[:, :, 0], 0.0)  # at the node's middle
+        """(n_node, 3) in [0, 1]: share of a node's light that photons brought straight from lamps, or from lamps by mirrors and glass.
+
+        It is that of the flux: at the node's middle, which a chart may not even cover, the functions hold noise of their slopes.
+        """
+        moment = self.tree.moment[:, : self.solution.coefficient.shape[2]]
+        direct, indirect = np.maximum(np.einsum("ckmn,nm->ckn", self.solution.coefficient, moment), 0.0)
         return np.divide(direct, direct + indirect, out=np.zeros_like(direct), where=direct > 0.0).T
 
     @cached_property
