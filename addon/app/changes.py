@@ -27,6 +27,7 @@ class ChangeWatch:
     """
 
     def __init__(self) -> None:
+        self._first: dict[str, Prints] = {}  # of scenes that another Blender has baked, as they were when they were first looked at
         self.clear()
 
     def clear(self) -> None:
@@ -79,7 +80,8 @@ class ChangeWatch:
             self._prints[name] = digest
             if time.monotonic() > until:
                 return False
-        self.names, self.stale, self._walk = list_changes(baked.prints, self._prints), False, None
+        before = baked.prints if baked.is_comparable else self._first.setdefault(_read_key(context), self._prints)
+        self.names, self.stale, self._walk = list_changes(before, self._prints), False, None
         return True
 
 

@@ -39,7 +39,7 @@ from ..show import images, materials_write, restore
 from ..show.layers_write import write_layers
 from ..show.layout import Layout, mark_layout, read_layout, worn_digest
 from ..show.page_store import find_folder, keep_page
-from ..show.scene_prints import Baked, Prints, describe_changes, list_changes, mark_prints, read_marked, walk_prints
+from ..show.scene_prints import Baked, Prints, describe_changes, mark_prints, read_marked, walk_prints
 from . import spare_images
 from .arguments import BakeRequest
 from .job import library_paths
@@ -142,7 +142,7 @@ def _check_state(marked: Baked | None, request: BakeRequest, folder: Path, print
     differing = [name for name in find_differences(request.resume, folder, request.settings) if name not in _KNOBS_OF_CORE]
     if not differing:
         return
-    changes = list_changes(marked.prints, prints) if marked and "scene" in differing else []
+    changes = marked.list_changes(prints) if marked and "scene" in differing else []
     if changes:
         raise ValueError(f"{describe_changes(changes)}. Refine cannot go on from it: press Bake, or undo the change.")
     raise ValueError(describe_differences(request.resume, differing))
@@ -259,7 +259,7 @@ def compare_prints(scene: bpy.types.Scene, session: Session, layout: Layout) -> 
     wearers = {baked_copies.find_source(obj) for obj in local_objects(scene.objects) if materials_write.BAKE in obj}
     if not wearers - part:
         return Baked(session.prints)
-    return Baked(session.prints, tuple(dict.fromkeys([*marked.older, *list_changes(marked.prints, session.prints)])))
+    return Baked(session.prints, tuple(dict.fromkeys([*marked.older, *marked.list_changes(session.prints)])))
 
 
 def _find_part(session: Session, layout: Layout) -> set[bpy.types.Object]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import bpy
@@ -38,22 +38,36 @@ class Baked:
 
     prints   at the last bake
     older    names of what had changed then since the bake that other objects wear, which were not part of the last one
+    blender  the version that made the prints: another gives lamps and nodes of the same scene other properties
     """
 
     prints: Prints
     older: tuple[str, ...] = ()
+    blender: str = field(default_factory=lambda: "{}.{}".format(*bpy.app.version))
+
+    @property
+    def is_comparable(self) -> bool:
+        """Whether this Blender made the prints."""
+        return self.blender == Baked({}).blender
+
+    def list_changes(self, now: Prints) -> list[str]:
+        """Names of what has changed since; none where that is not known."""
+        return list_changes(self.prints, now) if self.is_comparable else []
 
 
 def mark_prints(scene: bpy.types.Scene, baked: Baked) -> None:
     """Remember what the scene was like."""
-    scene[PRINTS] = json.dumps({"prints": baked.prints, "older": baked.older})
+    scene[PRINTS] = json.dumps(asdict(baked))
 
 
 def read_marked(scene: bpy.types.Scene) -> Baked | None:
     """What the scene was like; None where nothing is known, as of a bake by an earlier version."""
     try:
         kept = json.loads(scene[PRINTS]) if PRINTS in scene else None
-        return Baked({str(key): str(value) for key, value in kept["prints"].items()}, tuple(kept["older"])) if kept else None
+        if not kept:
+            return None
+        prints = {str(key): str(value) for key, value in kept["prints"].items()}
+        return Baked(prints, tuple(kept["older"]), str(kept.get("blender", "")))
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
 

@@ -1,5 +1,6 @@
 """What has changed since a bake: said of every kind of change, of nothing else, and before Refine works in vain."""
 
+import json
 from types import SimpleNamespace
 
 import pytest
@@ -153,6 +154,34 @@ def test_the_panel_says_so_and_forgets_it_when_the_change_is_undone():
     draw()
     assert watch.look(bpy.context)
     assert "out of date" not in draw()
+
+
+def mark_as_of_another_blender():
+    """Another version prints the same scene otherwise."""
+    kept = json.loads(bpy.context.scene[PRINTS])
+    bpy.context.scene[PRINTS] = json.dumps({**kept, "prints": dict.fromkeys(kept["prints"], "0"), "blender": "4.2"})
+
+
+def test_of_a_bake_by_another_blender_only_later_changes_are_told():
+    mark_as_of_another_blender()
+    watch = bpy.context.window_manager.leaflight_changes
+    for energy, is_told in ((None, False), (7.0, True)):
+        if energy:
+            bpy.data.objects["Lamp"].data.energy = energy
+            bpy.context.view_layer.update()
+        for _ in range(2):  # the second time as after an undo
+            draw()
+            assert watch.look(bpy.context)
+            assert ("Changed since this bake: Lamp." in draw()) == ("out of date" in draw()) == is_told
+            watch.clear()
+
+
+def test_a_bake_of_a_part_calls_no_bake_by_another_blender_out_of_date():
+    mark_as_of_another_blender()
+    bpy.data.objects["Floor"].select_set(True)
+    bpy.context.scene.leaflight.objects = "SELECTED"
+    bpy.ops.leaflight.bake()
+    assert read_marked(bpy.context.scene).older == ()
 
 
 def test_a_mesh_is_read_again_when_it_changed_and_little_by_little():
