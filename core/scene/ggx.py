@@ -4,11 +4,12 @@ Source: Walter et al. 2007, "Microfacet models for refraction through rough surf
 visible normals"; Heitz 2014, "Understanding the masking-shadowing function".
 """
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 
-from ..util.arrays import Float32, FloatArray, IntArray
+from ..util.arrays import Float32, Float64, FloatArray, IntArray
 from ..util.geometry import gather, orthonormal_basis
 
 Axes: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
@@ -134,9 +135,15 @@ def find_place(row: IntArray, cosine: FloatArray, entries: int = ENTRIES) -> tup
 
 
 def look_up(table: Float32, before: IntArray, share: FloatArray) -> Float32:
-    """(n,): values of tables at places from find_place."""
-    low = gather(table, before)
-    return low + (gather(table, before + 1) - low) * share.astype(np.float32)
+    """(n,): values of tables (n_row, entries) at places from find_place."""
+    values = table.reshape(-1)
+    low = gather(values, before)
+    return low + (gather(values, before + 1) - low) * share.astype(np.float32)
+
+
+def stack_tables(rows: Sequence[tuple[Float64, ...]]) -> Float32:
+    """(k, n_row, entries): k tables of the k tabulated functions of each row."""
+    return np.ascontiguousarray(np.array(rows, np.float32).swapaxes(0, 1))
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:

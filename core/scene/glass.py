@@ -42,7 +42,7 @@ class Glass:
     mirror         (3, n_row) float32: tint of the reflection, times the share of the surface that is glass
     fresnel        (n_row,) bool: whether Fresnel's equations apply; else all light is refracted, and light that would be totally
                    reflected is lost
-    kept           (2 * n_row * _ENTRIES,) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine;
+    kept           (2 * n_row, _ENTRIES) float32: the lobe's albedo by single scattering, from the front and the back, by the cosine;
                    1 without compensation
     """
 
@@ -86,7 +86,7 @@ class Glass:
             ior,
             mirror,
             fresnel,
-            np.concatenate(kept).astype(np.float32),
+            np.array(kept, np.float32),
         )
 
     def bend(

@@ -47,7 +47,7 @@ class Coat:
 
     alpha, ior, share   (n_row,) float32: as in Gloss for the layer
     mean                (n_row,) float32: mean Fresnel reflectance
-    lost                (n_row * ENTRIES,) float32: as in Gloss
+    lost                (n_row, ENTRIES) float32: as in Gloss
     albedo              likewise: albedo of the coat times its share of the surface
     tint                (3, n_row) float32: as in Material; None if all are white
     """
@@ -68,10 +68,9 @@ class Coat:
             return None
         alpha = np.array([max(one.coat_roughness**2, ggx.LEAST_ALPHA) for one in rows], np.float32)
         ior = np.array([max(one.coat_ior, 1.0) for one in rows], np.float32)
-        tables = [tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)]
-        lost, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in (0, 3))
+        lost, _, _, albedo = ggx.stack_tables([tabulate_lobe(float(a), float(n)) for a, n in zip(alpha, ior, strict=True)])
         mean = np.array([average_fresnel(float(n)) for n in ior], np.float32)
-        albedo *= np.repeat(share, ENTRIES) * (1 + np.repeat(mean, ENTRIES) * lost)
+        albedo *= share[:, None] * (1 + mean[:, None] * lost)
         tint = np.clip(np.array([one.coat_tint_rgb for one in rows], np.float32).T, 0, 1)
         return cls(alpha, ior, share, mean, lost, albedo, None if (tint == 1).all() else tint)
 
@@ -82,7 +81,7 @@ class Sheen:
 
     rgb        (3, n_row) float32: share of the surface that has sheen, times its tint
     mean_rgb   (3, n_row) float32: its reflectance for even light, which the material's albedo contains
-    a, b       (n_row * ENTRIES,) float32: parameters of the lobe, by the cosine of the view direction; see sheen
+    a, b       (n_row, ENTRIES) float32: parameters of the lobe, by the cosine of the view direction; see sheen
     albedo     likewise: albedo of white sheen
     under      likewise: transmittance to what is below, relative to that for even light, which the material's colours contain
     """
@@ -101,12 +100,11 @@ class Sheen:
         if not rgb.any():
             return None
         mean = np.array([average_sheen(one.sheen_roughness) for one in rows], np.float32)
-        tables = [tabulate_sheen(one.sheen_roughness, ENTRIES) for one in rows]
-        a, b, albedo = (np.concatenate([table[k] for table in tables]).astype(np.float32) for k in range(3))
+        a, b, albedo = ggx.stack_tables([tabulate_sheen(one.sheen_roughness, ENTRIES) for one in rows])
         most = rgb.max(axis=0)
         other = np.array([one.diffuse + (one.metal if any(one.metal_rgb) else 0.0) for one in rows], np.float32)
         covered = np.minimum(most / np.maximum(other + most * mean, _LEAST_SHARE), 1)
-        under = (1 - np.repeat(covered, ENTRIES) * albedo) / np.repeat(1 - covered * mean, ENTRIES)
+        under = (1 - covered[:, None] * albedo) / (1 - covered * mean)[:, None]
         return cls(rgb, rgb * mean, a, b, albedo, under)
 
 
@@ -166,7 +164,7 @@ class Gloss:
     layer_mean     (n_row,) float32: mean Fresnel reflectance of the layer
     kept_mean      (n_row,) float32: mean of E over the hemisphere
     rising         (n_row,) float32: 1 if a metal's reflectance rises to the edge by Schlick's formula, 0 if it is constant
-    lost           (n_row * ENTRIES,) float32: 1 / E - 1, by the cosine with the normal
+    lost           (n_row, ENTRIES) float32: 1 / E - 1, by the cosine with the normal
     restored       likewise, but 0 for materials that scatter only once
     edge           likewise: albedo of a black metal, which Schlick's formula makes reflect at the edges, by single scattering
     dielectric     likewise: albedo of the layer
@@ -219,20 +217,20 @@ class Gloss:
         tint = np.array([one.layer_tint for one in rows], np.float32)
         samples = [_SAMPLES if one.lobe_image < 0 else _LEVEL_SAMPLES for one in rows]
         lobes = [tabulate_lobe(float(a), float(n), float(t), k) for a, n, t, k in zip(alpha, ior, tint, samples, strict=True)]
-        lost, edge, dip, dielectric = (np.concatenate([lobe[k] for lobe in lobes]).astype(np.float32) for k in range(4))
+        lost, edge, dip, dielectric = ggx.stack_tables(lobes)
         rising = np.array([not one.metal_flat for one in rows], np.float32)
-        edge *= np.repeat(rising, ENTRIES)
+        edge *= rising[:, None]
         layer_mean = np.array([average_fresnel(float(n), float(t)) for n, t in zip(ior, tint, strict=True)], np.float32)
-        kept_mean = average_kept(lost.reshape(-1, ENTRIES)).astype(np.float32)
-        is_restored = np.repeat(np.array([one.multiscatter for one in rows], bool), ENTRIES)
+        kept_mean = average_kept(lost).astype(np.float32)
+        is_restored = np.array([one.multiscatter for one in rows], bool)[:, None]
         restored = np.where(is_restored, lost, np.float32(0))
         # With single scattering the layer also takes the energy that its lobe loses from the diffuse light.
-        covered = dielectric * np.where(is_restored, 1 + np.repeat(layer_mean, ENTRIES) * restored, 1 + lost)
-        dielectric *= 1 + np.repeat(layer_mean, ENTRIES) * restored
+        covered = dielectric * np.where(is_restored, 1 + layer_mean[:, None] * restored, 1 + lost)
+        dielectric *= 1 + layer_mean[:, None] * restored
         diffuse = np.array([max(one.diffuse, _LEAST_SHARE) for one in rows], np.float32)
-        below = 1 - np.repeat(np.minimum(layer / diffuse, 1), ENTRIES) * covered
+        below = 1 - np.minimum(layer / diffuse, 1)[:, None] * covered
         if coat:
-            below *= 1 - coat.albedo * np.repeat(np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE), ENTRIES)
+            below *= 1 - coat.albedo * (np.minimum(coat.share / diffuse, 1) / np.maximum(coat.share, _LEAST_SHARE))[:, None]
         sheen = Sheen.of(rows)
         if sheen:
             below *= sheen.under
