@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..util.arrays import Float32, Int64, IntArray
+from ..util.arrays import Float32
 from .light_probe import LightProbe
 from .scene import Light
 
@@ -23,20 +23,13 @@ def describe_dark(probe: LightProbe, objects: Iterable[int]) -> list[tuple[str, 
         tri = np.flatnonzero((snapshot.tri_object == number) & (probe.area > 0.0))
         if not len(tri):
             continue
-        point, side = probe.spread_points(_spread(probe, tri, _POINTS))
+        point, side = probe.spread_evenly(tri, np.zeros_like(tri), _POINTS)
         if probe.find_irradiance(point, side, _BOUNCES).any():
             continue
         lamps = lamps if lamps is not None else _find_enclosed_lamps(probe)
         reason = "; ".join(lamps) or _find_enclosure(probe, number, point, side)
         said.append((snapshot.objects[number].name, f"is reached by no light{': ' if reason else ''}{reason}"))
     return said
-
-
-def _spread(probe: LightProbe, tri: IntArray, count: int) -> Int64:
-    """(count,) triangles chosen from tri (n,), stratified by area."""
-    area = np.cumsum(probe.area[tri])
-    at = (np.arange(count) + 0.5) / count * area[-1]
-    return tri[np.minimum(np.searchsorted(area, at), len(tri) - 1)]
 
 
 def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
@@ -50,7 +43,7 @@ def _find_enclosed_lamps(probe: LightProbe) -> list[str]:
     shells = [(lamp.name, _find_shell(probe, *_look_around_lamp(probe, lamp), -1)) for lamp in near]
     for number in glowing:
         tri = np.intersect1d(probe.find_glowing(), np.flatnonzero(snapshot.tri_object == number))
-        point, side = probe.spread_points(_spread(probe, tri, _RAYS))
+        point, side = probe.spread_evenly(tri, np.zeros_like(tri), _RAYS)
         both = np.concatenate([point, point]), np.concatenate([side, -side])
         shells.append((snapshot.objects[number].name, _find_shell(probe, *both, int(number))))
     return [f"{name} is enclosed by {shell}" for name, shell in shells] if all(shell for _, shell in shells) else []

@@ -66,6 +66,17 @@ class LightProbe:
         one, two, three = np.moveaxis(self._corner[tri], 1, 0)
         return self.box.to_unit(one + u[:, :1] * (two - one) + u[:, 1:] * (three - one)), self.normal[tri].astype(np.float32)
 
+    def spread_evenly(self, tri: IntArray, part: IntArray, each: int) -> tuple[Float32, Float32]:
+        """As spread_points, `each` points on every part, on triangles that are stratified by area.
+
+        part   (n,) int: parts of the triangles, ascending from 0
+        """
+        area = np.cumsum(self.area[tri])
+        top = area[np.flatnonzero(np.diff(part, append=part[-1] + 1))]
+        low = np.concatenate([[0.0], top[:-1]])
+        at = low[:, None] + (top - low)[:, None] * (np.arange(each) + 0.5) / each
+        return self.spread_points(tri[np.minimum(np.searchsorted(area, at.ravel()), len(tri) - 1)])
+
     def trace(self, point: Float32, side: Float32) -> Seen:
         """Hits of cosine-distributed rays from points, on the side of the normals (n, 3)."""
         direction = rotate_to(square_to_cosine_hemisphere(self._rng.random((len(point), 2))), side).astype(np.float32)

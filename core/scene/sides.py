@@ -144,15 +144,7 @@ class _Samples:
         row[chosen] = np.arange(len(chosen))
         ours = np.flatnonzero(row[parts.tri_part] >= 0)
         ours = ours[np.argsort(row[parts.tri_part[ours]], kind="stable")]
-        part = row[parts.tri_part[ours]]
-        area = np.cumsum(probe.area[parts.tri[ours]])
-        last = np.flatnonzero(np.diff(part, append=len(chosen)))
-        top = area[last]
-        low = np.concatenate([[0.0], top[:-1]])
-        at = low[:, None] + (top - low)[:, None] * (np.arange(each) + 0.5) / each
-        found = np.searchsorted(area, at.ravel())
-        tri = parts.tri[ours[np.minimum(found, len(ours) - 1)]]
-        self.point, self.front = probe.spread_points(tri)
+        self.point, self.front = probe.spread_evenly(parts.tri[ours], row[parts.tri_part[ours]], each)
 
     def mean(self, values: NDArray[Any]) -> Float64:
         """(n_chosen,): means of values (n_point,) over the points of each part."""
