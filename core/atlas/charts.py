@@ -1,6 +1,5 @@
 """Layout of all receiving triangles on pages: unwrapped and packed, or from an existing UV layer."""
 
-import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -70,28 +69,19 @@ def make_charts(snapshot: SceneSnapshot, settings: Settings, watch: Watch = unwa
     return _AtlasMaker(snapshot, settings, watch, kept).make()
 
 
-@dataclass(frozen=True)
-class _Packed:
-    """Objects placed on a page, and the layout of their charts or blocks."""
-
-    objects: list[int]
-    page: int
-    layout: Layout
-
-
 @dataclass
 class _BlockState:
     """The layout of a block.
 
     smallest, largest   objects of the block
     laid                layout at the last density
-    alone               the smallest object placed on a page, if every object has a page of its own
+    alone               layout of the smallest object on a page, if every object has a page of its own
     """
 
     smallest: int
     largest: int
     laid: BlockLayout | None = None
-    alone: _Packed | None = None
+    alone: Layout | None = None
 
 
 class _PageTooSmallError(Exception):
@@ -177,14 +167,13 @@ class _AtlasMaker:
     def _pack_by_page_size(self, objects: list[int]) -> None:
         """Pack on one page at the greatest density that fits, or on several pages if that is too low."""
         charts = self._select(objects)
-        found = self._find_fit(objects, 0)
+        found = self._find_fit(objects)
         demand = self._measure_demand(objects)
         least = demand.find_least_density(self.page)
         several = len(objects) > 1 and self.settings.max_pages != 1
-        if found and (not several or is_one_enough(float(np.median(charts.area)), found.layout.density, least)):
-            self._new_page()
-            self._apply(found)
-            self._warn_of_small_charts(objects, found.layout.density)
+        if found and (not several or is_one_enough(float(np.median(charts.area)), found.density, least)):
+            self._apply(objects, self._new_page(), found)
+            self._warn_of_small_charts(objects, found.density)
             return
         if len(objects) == 1:
             raise _PageTooSmallError(objects[0])
@@ -285,19 +274,17 @@ class _AtlasMaker:
             block.laid = lay_block(self._select([block.smallest]), density, self.page)
         return block.laid
 
-    def _fit(self, objects: list[int], page: int) -> _Packed:
-        """Place objects on a page at the greatest density; raises _PageTooSmallError if they do not fit."""
-        found = self._find_fit(objects, page)
+    def _fit(self, objects: list[int]) -> Layout:
+        """The layout of objects on a page at the greatest density; raises _PageTooSmallError if they do not fit."""
+        found = self._find_fit(objects)
         if found is None:
             raise _PageTooSmallError(max(objects, key=lambda i: self._count_charts([i])))
-        self._warn_of_small_charts(objects, found.layout.density)
+        self._warn_of_small_charts(objects, found.density)
         return found
 
-    def _find_fit(self, objects: list[int], page: int) -> _Packed | None:
-        """Objects placed on a page at the greatest density that fits; None if there is none."""
-        outlines = self._select(objects)
-        found = find_greatest_density(outlines, self.page, lambda density: self._try(objects, density))
-        return None if found is None else _Packed(objects, page, found)
+    def _find_fit(self, objects: list[int]) -> Layout | None:
+        """As _fit, or None."""
+        return find_greatest_density(self._select(objects), self.page, lambda density: self._try(objects, density))
 
     def _warn_of_small_charts(self, objects: list[int], density: float) -> None:
         first_chart = self.found.first_chart
@@ -320,7 +307,7 @@ class _AtlasMaker:
         for state, block in zip(self.blocks, self.found.blocks, strict=True):
             shapes = self._shape(state.largest)
             if shapes is None or place_charts(shapes, self.page.empty_horizon()) is None:
-                self.density[list(block.members)] = self._fit([state.largest], -1).layout.density
+                self.density[list(block.members)] = self._fit([state.largest]).density
                 if self.settings.density > 0:
                     for i in block.members:
                         self._warn_less_dense(i, float(self.density[i]))
@@ -341,14 +328,14 @@ class _AtlasMaker:
             self._pack_less_dense(i)
         else:
             block = self.blocks[int(self.object_block[i])]
-            block.alone = block.alone or self._fit([block.smallest], -1)
-            self._apply(dataclasses.replace(block.alone, objects=[i], page=self._new_page()))
+            block.alone = block.alone or self._fit([block.smallest])
+            self._apply([i], self._new_page(), block.alone)
 
     def _pack_less_dense(self, i: int) -> None:
-        packed = self._fit([i], self._new_page())
+        layout = self._fit([i])
         if self.settings.density > 0:
-            self._warn_less_dense(i, packed.layout.density)
-        self._apply(packed)
+            self._warn_less_dense(i, layout.density)
+        self._apply([i], self._new_page(), layout)
 
     def _shape(self, i: int) -> Shapes | None:
         """Shapes of an object at its density; None if it does not fit a page."""
@@ -360,7 +347,7 @@ class _AtlasMaker:
         """Place an object at its density above the horizon, which is raised; returns whether it fits."""
         layout = place_charts(shapes, horizon)
         if layout is not None:
-            self._apply(_Packed([i], page, layout))
+            self._apply([i], page, layout)
         return layout is not None
 
     def _pack_first_fit(self, objects: list[int]) -> None:
@@ -382,25 +369,26 @@ class _AtlasMaker:
     def _room_above(self, horizon: Int32) -> float:
         return float((self.page.inside - horizon).sum()) * self.page.step
 
-    def _apply(self, packed: _Packed) -> None:
+    def _apply(self, objects: list[int], page: int, layout: Layout) -> None:
+        """Put objects on a page by the layout of their charts or blocks."""
         part = 0
-        for i in packed.objects:
+        for i in objects:
             rows = np.arange(self.start[i], self.start[i + 1])
             rows = rows[self.found.chart[rows] >= 0]
             uv, chart = self.found.uv[rows], self.found.chart[rows] - self.found.first_chart[i]
             if self.object_block[i] < 0:
-                self.uv[rows] = packed.layout.place(uv, part + chart)
+                self.uv[rows] = layout.place(uv, part + chart)
                 part += int(self.found.first_chart[i + 1] - self.found.first_chart[i])
             else:
-                self.uv[rows] = self._place_block(i, uv, chart, packed, part)
+                self.uv[rows] = self._place_block(i, uv, chart, layout, part)
                 part += 1
-            self.object_page[i] = packed.page
+            self.object_page[i] = page
 
-    def _place_block(self, i: int, uv: Float64, chart: Int64, packed: _Packed, part: int) -> Float64:
+    def _place_block(self, i: int, uv: Float64, chart: Int64, layout: Layout, part: int) -> Float64:
         """UVs of an object of a block, in texels; sets its object_place."""
-        block = self._lay_block(i, packed.layout.density)
+        block = self._lay_block(i, layout.density)
         assert block is not None, "it was laid out to be packed"
-        offset = packed.layout.offset[part]
+        offset = layout.offset[part]
         side = max(float(block.side.max()) * self.scale[i], _LEAST_SIDE)
         self.object_place[i] = np.array([side, side, *offset]) / self.page.size
         return block.place(uv / self.size[i], chart) * self.scale[i] + offset
