@@ -27,13 +27,15 @@ class Seen:
     tri        (n,) int32, -1 for a miss
     distance   (n,) float64, m; inf for a miss
     is_front   (n,) bool: whether the ray meets the front of the triangle
+    place      (n, 3) float32, unit box
+    side       (n, 3) float32, unit: the triangle's normal on the side that the ray meets
     """
 
     tri: Int32
     distance: Float64
     is_front: BoolArray
-    _place: Float32
-    _side: Float32
+    place: Float32
+    side: Float32
 
 
 class LightProbe:
@@ -117,7 +119,7 @@ class LightProbe:
             albedo = self._surfaces.albedo.at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
             back = self._surfaces.dim_back(seen.tri[met], seen.is_front[met])
             throughput = throughput[met] * albedo * (1.0 if back is None else back.mean(axis=0))
-            rows, point, side = rows[met], seen._place[met], seen._side[met]
+            rows, point, side = rows[met], seen.place[met], seen.side[met]
             if self._surfaces.has_through:
                 through = self._surfaces.through.at(seen.tri[met], third, third).mean(axis=1, dtype=np.float64)
                 side = np.where((self._rng.random(len(met)) * albedo < through)[:, None], -side, side)
