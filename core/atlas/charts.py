@@ -18,13 +18,12 @@ from .density_search import find_greatest_density
 from .even_out import even_out
 from .outlines import Outlines
 from .packing import Layout, Page, Shapes, place_charts, shape_charts
-from .page_plan import ChartDemand, find_page_size, is_one_enough, plan_pages
+from .page_plan import FEWEST_TEXELS, ChartDemand, find_page_size, is_one_enough, plan_pages
 from .sharing import BlockLayout, join_outlines, lay_block
 
 _MANY_CHARTS = 1000
 PACKING = Status("charts", "Packing charts")
 _LEAST_SIDE = 2.0**-10  # texels, of the block of an object of almost no size: uv is divided by the side
-_FEWEST_TEXELS = 1.0  # a chart of less area than this is hardly a lightmap
 _LESS_DENSE = 0.96  # factor of the density after a try that took more pages than planned
 _TRIES, _MOST_TRIES = 4, 50  # tries before a page more is accepted, and where max_pages allows none
 
@@ -290,7 +289,7 @@ class _AtlasMaker:
         first_chart = self.found.first_chart
         for i in objects:
             area = self.found.outlines.area[first_chart[i] : first_chart[i + 1]]
-            if float(np.median(area)) * density**2 < _FEWEST_TEXELS:
+            if float(np.median(area)) * density**2 < FEWEST_TEXELS:
                 self._warn(i, "half of its UV islands are smaller than a texel; choose a larger page size or density, or merge small faces")
 
     def _try(self, objects: list[int], density: float) -> Outlines | None:

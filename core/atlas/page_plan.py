@@ -22,7 +22,7 @@ from .packing import Page
 
 FILLED_SHARE = 0.9  # share of a page that charts with their gaps fill
 _USUAL_GAPS = 20.0  # number of paddings along a page's side, with the charts of a usual scene
-_FEWEST_TEXELS = 1.0  # median texels of a chart below which one page is too coarse
+FEWEST_TEXELS = 1.0  # median texels of a chart below which a page is too coarse
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def is_one_enough(chart_m2: float, density: float, least: float) -> bool:
     chart_m2   area of the median chart
     least      density at which charts are as wide as their gaps, texels/m
     """
-    return density >= least or chart_m2 * density**2 >= _FEWEST_TEXELS
+    return density >= least or chart_m2 * density**2 >= FEWEST_TEXELS
 
 
 def plan_pages(demand: ChartDemand, page: Page, most: int = 0) -> PagePlan:
