@@ -28,7 +28,6 @@ from ..integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from ..integrate.gather import KnownLight, give_signs
 from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
-from ..integrate.reference_level import ReferenceLevel
 from ..integrate.texel_light import find_known
 from ..parallel.executors import ShardExecutor
 from ..radiosity import basis, quadtree, refine, tally
@@ -98,10 +97,10 @@ class Solver:
         self.reading = self._read_tallies()
 
     def shoot_direct(self, tell: Tell, should_stop: Stop, ahead: ShotAhead = NOTHING_AHEAD) -> bool:
-        """Shoot shadow rays from all texels after `begin`, to a tolerance relative to all light; see DirectField.shoot."""
-        every, other = range(len(self.tracing.texels)), self._other_light(self.reading or self._read_tallies())
+        """Shoot shadow rays from all texels after `begin`; see DirectField.shoot."""
+        every = range(len(self.tracing.texels))
         settings = self.deadline.ease(self.settings)
-        is_done = self.direct.shoot(self.folder, settings, self.executor, every, tell, should_stop, other, ahead)
+        is_done = self.direct.shoot(self.folder, settings, self.executor, every, tell, should_stop, ahead)
         self.started = time.monotonic()  # the time limit and the estimate of the time left count from here
         return is_done
 
@@ -163,7 +162,7 @@ class Solver:
         rays, worst, repeats = chosen
         if rays is self.gathered:
             return partial(self._gather, reading, worst, repeats=repeats)
-        return partial(self._shoot_again, reading, worst, repeats)
+        return partial(self._shoot_again, worst, repeats)
 
     def _foresee_photons(self, stated: error_estimate.StatedError) -> float:
         """Relative error that the photons so far will leave in gathered light, by what fewer have left, or leave in caustics."""
@@ -175,16 +174,9 @@ class Solver:
         """Whether no more photons may be traced."""
         return self.settings.max_photons - self.ledger.photons < 2
 
-    def _other_light(self, reading: RadiositySolution) -> ReferenceLevel | None:
-        """Light shown beside direct light, estimated from photons; None where direct light is a pass of its own."""
-        if "direct" in self.settings.passes or not uses("reference_level"):
-            return None
-        return ReferenceLevel.of_leaves(self.tree, reading.solution, reading.leaves)
-
-    def _shoot_again(self, reading: RadiositySolution, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
-        other = self._other_light(reading)
+    def _shoot_again(self, texels: NDArray[np.int64], repeats: int, tell: Tell, should_stop: Stop) -> None:
         for _ in range(repeats):
-            if not self.direct.shoot(self.folder, self.settings, self.executor, texels, tell, should_stop, other):
+            if not self.direct.shoot(self.folder, self.settings, self.executor, texels, tell, should_stop):
                 return
 
     def _gather(self, reading: RadiositySolution, texels: NDArray[np.int64], tell: Tell, should_stop: Stop, repeats: int = 1) -> None:

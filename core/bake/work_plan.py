@@ -73,5 +73,4 @@ def count_skipped(
         "pairs_settled_early": counters.get("settled", 0),
         "pairs_shared": counters.get("shared", 0),
         "pairs_sampled_together": counters.get("sampled", 0),
-        "texels_by_quads": counters.get("by_quads", 0),
     }

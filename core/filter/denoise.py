@@ -13,8 +13,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..texels.lattices import list_lattices
-from ..texels.quads import QUAD_TEXELS, list_texels
 from ..texels.texel_map import FOOTPRINT_SIDE, TexelMap
 from ..texels.tiling import Strips
 from .nonlocal_means import HALO, RADIUS, smooth_alike
@@ -49,33 +47,19 @@ class Smoothed:
 class Smoothing:
     """A filter in progress.
 
-    light   (k, n, 3) float32, W/m^2: the light before the filter
-    asked   for each result its entries, and whether they stand for their quads
+    asked   for each result its entries
     found   the results, in the same order
     """
 
-    light: NDArray[np.float32]
-    asked: list[tuple[NDArray[np.int32], bool]]
+    asked: list[NDArray[np.int32]]
     found: Iterable[tuple[_Image, _Image, _Image]]
 
     def finish(self) -> Smoothed:
         """Wait for the results and collect them; may be called once."""
         found = list(self.found)  # fewer than requested if time is up; the other texels stay unfiltered
-        parts = [
-            (entry, *values) if not of_quads else self._spread(entry, *values)
-            for (entry, of_quads), values in zip(self.asked, found, strict=False)
-        ]
+        parts = [(entry, *values) for entry, values in zip(self.asked, found, strict=False)]
         entry, smoothed, left, own_share = (np.concatenate(of, axis=-1 if of[0].ndim == 1 else -2) for of in zip(*parts, strict=True))
         return Smoothed(entry, smoothed, left, own_share)
-
-    def _spread(
-        self, first: NDArray[np.int32], smoothed: _Image, left: _Image, own_share: _Image
-    ) -> tuple[NDArray[np.int32], _Image, _Image, _Image]:
-        """Apply the filter's change at the first texels of quads to all of their texels."""
-        entry = list_texels(first)
-        change = np.repeat(smoothed - self.light[:, first], QUAD_TEXELS, axis=1)
-        change += self.light[:, entry]
-        return entry, change, np.repeat(left, QUAD_TEXELS, axis=0), np.repeat(own_share, QUAD_TEXELS)
 
 
 def denoise(
@@ -85,10 +69,9 @@ def denoise(
     texels: TexelMap,
     spread: Spread = starmap,
     with_variance: bool = False,
-    by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothed:
     """Filter the light; arguments are as for begin_denoising."""
-    return begin_denoising(light, variance, grainy, texels, spread, with_variance, by_quads).finish()
+    return begin_denoising(light, variance, grainy, texels, spread, with_variance).finish()
 
 
 def begin_denoising(
@@ -98,7 +81,6 @@ def begin_denoising(
     texels: TexelMap,
     spread: Spread,
     with_variance: bool,
-    by_quads: NDArray[np.bool_] | None = None,
 ) -> Smoothing:
     """Start filtering all texels near grainy ones; the arrays must not change until the filter has finished.
 
@@ -106,27 +88,29 @@ def begin_denoising(
     variance        (n, 3) float32: variance of the sum
     grainy          (n,) bool: texels whose noise is independent of their neighbours'
     with_variance   whether the residual variance is computed; else it is 0
-    by_quads        (n,) bool: texels that have the error of their quad; None for none
     """
     # The scale keeps squares of tiny and huge light finite.
     brightness, noise = sum(float(part.mean(dtype=np.float64)) for part in light), float(np.sqrt(variance.mean(dtype=np.float64)))
     scale = np.float32(1 / max(brightness, noise, _DARKEST))
     nothing = np.zeros((len(light), 0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
-    asked = [(np.zeros(0, np.int32), False)]
+    asked = [np.zeros(0, np.int32)]
     # Texels that hold light of both sides of a wall are compared with their like alone; else they would spread it.
     chart_piece, mixes = 2 * texels.chart_piece, texels.borders.see_beyond(np.arange(len(texels)), FOOTPRINT_SIDE)
 
     def ask() -> Iterator[tuple[Any, ...]]:
-        for lattice in list_lattices(grainy, texels, by_quads):
-            strips = Strips.of(lattice.grainy, lattice.xy, lattice.entry_at, RADIUS, HALO, lattice.may)
+        entries = np.flatnonzero(grainy)
+        page = texels.page_of(entries)
+        for number, entry_at in enumerate(texels.entry_at if len(entries) else ()):
+            some = entries[page == number]
+            strips = Strips.of(some, texels.texel_xy[some], entry_at, RADIUS, HALO)
             for some in strips.groups():
                 entry, wanted = strips.stack(some)
-                asked.append((entry[HALO:-HALO, HALO:-HALO][wanted], lattice.of_quads))
+                asked.append(entry[HALO:-HALO, HALO:-HALO][wanted])
                 group = chart_piece.take(texels.texel_chart.take(entry, mode="wrap")) + mixes.take(entry, mode="wrap")
                 chart = np.where(entry >= 0, group, -1)
                 yield light.take(entry, axis=1, mode="wrap"), variance.take(entry, axis=0, mode="wrap"), chart, wanted, scale, with_variance
 
-    return Smoothing(light, asked, chain([nothing], spread(_smooth_strips, ask())))
+    return Smoothing(asked, chain([nothing], spread(_smooth_strips, ask())))
 
 
 def _smooth_strips(

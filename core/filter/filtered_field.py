@@ -64,13 +64,11 @@ class FilteredField:
         variance: NDArray[np.float32],
         texels: TexelMap,
         spread: Spread = starmap,
-        by_quads: NDArray[np.bool_] | None = None,
         least: float = GRAIN,
     ) -> Callable[[], FilteredField]:
         """Start the filter. Calling the result, once, finishes it; until then the arrays must not change.
 
         irradiance, variance   as `found` and `noise`
-        by_quads               (n,) bool: texels that were estimated by quads; None for none
         least                  relative noise above which texels are filtered, from find_grain
         """
         level = irradiance.mean() + 1e-30
@@ -80,7 +78,7 @@ class FilteredField:
             grainy[part] = _add_channels(variance[part]) > (least * (_add_channels(irradiance[part]) + level)) ** 2
         if not grainy.any():
             return partial(cls.plain, irradiance, variance)
-        smoothing = begin_denoising(irradiance[None], variance, grainy, texels, spread, True, by_quads)
+        smoothing = begin_denoising(irradiance[None], variance, grainy, texels, spread, True)
         return lambda: cls._find_left(irradiance, variance, smoothing.finish())
 
     @classmethod

@@ -153,14 +153,12 @@ class DirectLight:
     counters         rays: traced; pairs: of texel and light sampled one by one; of these, out_of_reach: behind the horizon or beyond a
                      cone, settled: by the first rays, shared: by the rays of a tile or a leader; sampled: pairs with lamps that give
                      little, of which a few are chosen at random
-    by_quads         (n,) bool: texels estimated for a whole quad; () for none
     by_openings      (n,) bool: texels that sampled the sky through openings; () for none
     """
 
     irradiance_rgb: FloatArray
     variance_rgb: FloatArray
     counters: dict[str, int]
-    by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
     by_openings: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((), bool))
 
     def count(self, counters: dict[str, int], **others: int) -> None:
@@ -177,8 +175,6 @@ def direct_irradiance(
     tolerance: float = 0.01,
     tiles: Tiles | None = None,
     crossed: NDArray[np.bool_] | None = None,
-    beside: NDArray[np.float32] | None = None,
-    dark: float = 0.0,
 ) -> DirectLight:
     """Direct light at texels, averaged over the covered part of each.
 
@@ -187,12 +183,9 @@ def direct_irradiance(
     tolerance       standard error, relative to the texel's light, at which a light gets no more rays
     tiles           tiles of the texels, which then share their first samples of lights
     crossed         (n,) bool: texels whose footprint reaches past the foot of an object on them, and so differs from their neighbours'
-    beside          (n,) float32, W/m^2: other light of the texels, from ReferenceLevel; None for none
-    dark            W/m^2: Demand.dark
     """
     irradiance, variance, by_openings = np.zeros((len(texel), 3)), np.zeros((len(texel), 3)), np.zeros(len(texel), bool)
     out = DirectLight(irradiance, variance, dict.fromkeys(_COUNTERS, 0), by_openings=by_openings)
-    beside = np.zeros(len(texel), np.float32) if beside is None else beside
     crossed = np.zeros(len(texel), bool) if crossed is None else crossed
     has_many, every = scene.crowd is not None or bool(scene.pools), np.arange(len(texel))
     # Estimates for each pair of texel and light take memory; and the choice among many lights rests on what neighbours see.
@@ -203,8 +196,8 @@ def direct_irradiance(
             alone = crossed[rows]
             whole = (tiles or Tiles.none()).within(rows).without(alone)
             smooth = whole.without(chunk.have_bumps(np.arange(len(chunk))))
-            demand = Demand(tolerance, smooth.on_one_triangle(chunk.tri), alone, dark)
-            sampler = _ChunkSampler(scene, chunk, demand, beside[rows], rng)
+            demand = Demand(tolerance, smooth.on_one_triangle(chunk.tri), alone)
+            sampler = _ChunkSampler(scene, chunk, demand, rng)
             value, error = sampler.find_light()
             into = as_slice(rows)
             irradiance[into] += value
@@ -218,15 +211,12 @@ def direct_irradiance(
 class _ChunkSampler:
     """Direct light of one chunk of texels, while it is computed.
 
-    beside     (n,) float32, W/m^2: other light of the texels
     counters   DirectLight.counters
     sky        the light of an environment, once it is sampled; of a uniform one where it is seen through openings
     """
 
-    def __init__(
-        self, scene: DirectScene, chunk: TexelChunk, demand: Demand, beside: NDArray[np.float32], rng: np.random.Generator
-    ) -> None:
-        self._scene, self._chunk, self._demand, self._beside, self._rng = scene, chunk, demand, beside, rng
+    def __init__(self, scene: DirectScene, chunk: TexelChunk, demand: Demand, rng: np.random.Generator) -> None:
+        self._scene, self._chunk, self._demand, self._rng = scene, chunk, demand, rng
         # Light settled by flat tiles; and the variance, first of this light, in the end of all light.
         self._shared, self._variance = np.zeros((2, len(chunk), 3))
         self._tallies: list[Tally] = []
@@ -253,7 +243,7 @@ class _ChunkSampler:
             self._look_at_sky(np.arange(len(self._chunk)))
         for many in (rest, *self._scene.pools, self.sky):
             if many is not None:
-                base = light + found + self._beside[:, None]
+                base = light + found
                 rays, unlit = self._scene.rays_to(many), self._scene.find_unlit(many, self._chunk.tri)
                 by_many, error, traced = many.irradiance(rays, self._chunk, self._demand, base, self._rng)
                 if unlit is not None:
@@ -261,7 +251,7 @@ class _ChunkSampler:
                 found += by_many
                 self._variance += error
                 self.counters["rays"] += traced
-        self._settle(weigh_channels(light + found) + self._beside)
+        self._settle(weigh_channels(light + found))
         for tally in self._tallies:
             found += tally.light(len(self._chunk))
             self._variance += tally.variance(len(self._chunk))

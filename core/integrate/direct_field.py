@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain, starmap
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from ..filter.denoise import Spread
 from ..filter.filtered_field import GRAIN, FilteredField, find_grain
-from ..parallel import shared_arrays
 from ..texels.texel_map import TexelMap
 from ..util.arrays import FloatArray, IntArray
 from ..util.coverage import as_slice
@@ -25,7 +23,6 @@ from ..util.settings import Settings
 from . import direct_shards, texel_shards
 from .direct import DirectLight
 from .direct_shards import NOTHING_AHEAD, ShotAhead
-from .reference_level import ReferenceLevel
 
 _BLOCK = 64  # successive texel entries, which are neighbours, that share their error below openings
 
@@ -46,7 +43,6 @@ class DirectField:
     passes       (n,) int16: number of estimates in each texel's mean
     counters     DirectLight.counters, summed; empty when photons carry direct light
     turns        number of shots so far; each has random numbers of its own
-    by_quads     (n,) bool: the last estimate was made for a whole quad, whose texels have the same error
     by_openings  (n,) bool: at least one estimate sampled the sky through openings
     """
 
@@ -58,12 +54,9 @@ class DirectField:
     passes: NDArray[np.int16]
     counters: dict[str, int] = field(default_factory=dict)
     turns: int = 0
-    by_quads: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     by_openings: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
-        if not len(self.by_quads):
-            self.by_quads = np.zeros(len(self.passes), bool)
         if not len(self.by_openings):
             self.by_openings = np.zeros(len(self.passes), bool)
         self._grain = GRAIN  # least relative noise that is filtered
@@ -106,8 +99,7 @@ class DirectField:
             self._smoothing = self._begin_smoothing(texels, spread)
 
     def _begin_smoothing(self, texels: TexelMap, spread: Spread) -> Callable[[], FilteredField]:
-        by_quads = self.by_quads if self.by_quads.any() else None
-        return FilteredField.begin_smoothing(self.irradiance, self.variance, texels, spread, by_quads, self._grain)
+        return FilteredField.begin_smoothing(self.irradiance, self.variance, texels, spread, self._grain)
 
     def take_shown(self, texels: TexelMap, smooth: bool, spread: Spread = starmap, in_place: bool = False) -> NDArray[np.float32]:
         """(n, 3) float32: irradiance of `show`, for its last use: other results of the filter are dropped.
@@ -128,13 +120,11 @@ class DirectField:
         texels: IntArray | range,
         tell: Callable[[Message], None] = lambda message: None,
         should_stop: Callable[[], bool] = lambda: False,
-        other: ReferenceLevel | None = None,
         ahead: ShotAhead = NOTHING_AHEAD,
     ) -> bool:
         """Add one more estimate at the texels (m,), ascending; each texel holds the mean of all of its estimates.
 
         should_stop   called after every shard
-        other         level of the light that is added to direct light; None where there is none, or direct light is a pass of its own
         ahead         shards of a first shot at all texels that were sent already
         Returns False if it was stopped. Texels that had estimates before then return to them, so that the bake can go on as before.
         """
@@ -142,29 +132,19 @@ class DirectField:
         shard = direct_shards.ask_for_direct(folder, settings, self.turns, texels)
         rows = as_slice(texels)
         kept = self._keep(rows) if self.passes.any() else None
-        with shared_arrays.laid_out(folder, other) if other else nullcontext("") as view:
-            shard = replace(shard, view=view)
-            dark = direct_shards.find_dark(settings, self._find_brightness(shard, other))
-            is_done = self._send_rays(executor, texel_shards.light_texels, replace(shard, dark=dark), tell, should_stop, ahead)
+        is_done = self._send_rays(executor, texel_shards.light_texels, shard, tell, should_stop, ahead)
         if kept and not is_done:
             self._put_back(rows, kept)
         return is_done
 
-    def _find_brightness(self, shard: texel_shards.DirectShard, other: ReferenceLevel | None) -> float:
-        """Mean light of all texels, W/m^2; 0 without a sky, whose sampling alone uses it."""
-        if not direct_shards.is_below_sky(shard.tracing):
-            return 0.0
-        found = float(self.irradiance.mean(dtype=np.float64)) if self.passes.any() else direct_shards.glance(shard)
-        return found + (float(other.level.mean(dtype=np.float64)) if other else 0.0)
-
     def _keep(self, rows: IntArray | slice) -> DirectField:
         """Copy the estimates at texels `rows`, and the totals."""
         own = self.irradiance[rows].copy(), self.variance[rows].copy(), self.passes[rows].copy()
-        return DirectField(*own, dict(self.counters), self.turns, self.by_quads[rows].copy(), self.by_openings[rows].copy())
+        return DirectField(*own, dict(self.counters), self.turns, self.by_openings[rows].copy())
 
     def _put_back(self, rows: IntArray | slice, kept: DirectField) -> None:
         self.irradiance[rows], self.variance[rows], self.passes[rows] = kept.irradiance, kept.variance, kept.passes
-        self.counters, self.turns, self.by_quads[rows] = kept.counters, kept.turns, kept.by_quads
+        self.counters, self.turns = kept.counters, kept.turns
         self.by_openings[rows] = kept.by_openings
 
     def _send_rays(
@@ -201,5 +181,4 @@ class DirectField:
         else:
             self.irradiance[rows], self.variance[rows] = light.irradiance_rgb, light.variance_rgb
         self.passes[rows] += 1
-        self.by_quads[rows] = light.by_quads
         self.by_openings[rows] |= light.by_openings

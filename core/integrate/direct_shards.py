@@ -10,12 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
-from ..lights.emitters import usable_environment, usable_world
 from ..parallel.executors import ShardExecutor
-from ..texels.error_metric import DARK_FLOOR, choose_sample
-from ..transport import traced_scene
 from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.settings import Settings
@@ -32,10 +27,8 @@ _SHARDS_ENOUGH = 32  # enough for an even load of the workers
 # Measured on one sample and three random scenes, asked for 5 %: 0.5 takes 1.1 times as long, and leaves 0.93 to 1 times the error; 2 takes
 # 0.85 to 1 times as long, and leaves 1.0 to 1.07 times the error.
 TOLERANCE = 1.0
-_GLANCE_TEXELS, _GLANCE_TOLERANCE = 256, 1.0  # texels and tolerance of the estimate of the mean brightness
-# One shard in _AHEAD is sent ahead, while trees are grown and the first photons are read. The other light is not known yet, so that shadows
-# are sampled to a tolerance relative to direct light alone, which takes more rays (`instances` at 256^2: 6 % more in all). Hence few
-# shards, and at most _MOST_AHEAD, because a stop request has no effect until they are done.
+# One shard in _AHEAD is sent ahead, while trees are grown and the first photons are read; at most _MOST_AHEAD, because a stop request has
+# no effect until they are done.
 _AHEAD, _MOST_AHEAD = 10, 3
 
 
@@ -61,28 +54,8 @@ def list_shards(whole: _Shard) -> list[_Shard]:
 
 
 def ask_for_direct(folder: Path, settings: Settings, turn: int, texels: IntArray | range) -> texel_shards.DirectShard:
-    """One shard of all of these texels (m,), ascending, without other light as reference."""
+    """One shard of all of these texels (m,), ascending."""
     return texel_shards.DirectShard(str(folder), settings.seed, turn, 0, texels, TOLERANCE * settings.error)
-
-
-def find_dark(settings: Settings, brightness: float) -> float:
-    """DirectShard.dark, W/m^2, from the mean light of all texels, W/m^2."""
-    return brightness * (DARK_FLOOR**2 if settings.error_of == "objects" else DARK_FLOOR)
-
-
-def is_below_sky(folder: str) -> bool:
-    """Whether the scene has a sky, the only light whose sampling uses the mean brightness."""
-    snapshot = traced_scene.open_tracing(folder).snapshot
-    return uses("dark_level") and (bool(usable_world(snapshot).any()) or usable_environment(snapshot) is not None)
-
-
-def glance(shard: texel_shards.DirectShard) -> float:
-    """Mean direct light, W/m^2, estimated at a few texels, before any light is known; scene and seed are those of `shard`."""
-    texels = traced_scene.open_tracing(shard.tracing).texels
-    some = choose_sample(texels)
-    few = some[:: max(len(some) // _GLANCE_TEXELS, 1)]
-    found = texel_shards.light_texels(replace(shard, start=len(texels), texels=few, tolerance=_GLANCE_TOLERANCE))
-    return float(found.irradiance_rgb.mean(dtype=np.float64))
 
 
 @dataclass(frozen=True)
@@ -103,12 +76,11 @@ class ShotAhead:
             return cls()
         shards = list_shards(ask_for_direct(folder, settings, 0, range(n_texel)))
         first = shards[: min(round(len(shards) / _AHEAD), _MOST_AHEAD)]
-        return cls(len(first), executor.set_apart(partial(_light_ahead, first, settings))) if first else cls()
+        return cls(len(first), executor.set_apart(partial(_light_ahead, first))) if first else cls()
 
 
 NOTHING_AHEAD = ShotAhead()
 
 
-def _light_ahead(shards: list[texel_shards.DirectShard], settings: Settings) -> list[DirectLight]:
-    dark = find_dark(settings, glance(shards[0])) if is_below_sky(shards[0].tracing) else 0.0
-    return [texel_shards.light_texels(replace(shard, dark=dark)) for shard in shards]
+def _light_ahead(shards: list[texel_shards.DirectShard]) -> list[DirectLight]:
+    return [texel_shards.light_texels(shard) for shard in shards]

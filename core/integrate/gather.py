@@ -116,14 +116,13 @@ class GatheredLight:
     irradiance_rgb   (n, 3) float32, W/m^2, as of DirectLight, as are the variance and the counters
     variance_rgb     (n, 3) float32, (W/m^2)^2, of the choice of rays
     doubt            (n, k) float32, W/m^2: what comes of KnownLight.doubt
-    by_quads, by_openings   each texel has rays of its own
+    by_openings      each texel has rays of its own
     """
 
     irradiance_rgb: Float32
     variance_rgb: Float32
     doubt: Float32
     counters: dict[str, int]
-    by_quads: bool = False
     by_openings: bool = False
 
 

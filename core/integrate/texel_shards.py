@@ -6,15 +6,13 @@ seed gives the same bytes on one process, two, or a cluster.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_scene_open, keep_view_open
-from ..texels.quads import Quads
 from ..texels.texel_map import FOOTPRINT_SIDE
 from ..texels.tiles import Tiles
 from ..transport.traced_scene import open_tracing
@@ -22,9 +20,8 @@ from ..util import sampling
 from ..util.ablation import uses
 from ..util.arrays import IntArray
 from ..util.coverage import as_slice
-from . import direct, direct_quads, gather
+from . import direct, gather
 from .bright_places import PlacedSurfaces, Targets
-from .reference_level import ReferenceLevel
 
 DIRECT_ROUND = 2**31 - 1  # of the random numbers for shadow rays: no round of photons comes that far
 GATHER_ROUND = 2**30  # the same, of rays that gather
@@ -34,12 +31,6 @@ GATHER_ROUND = 2**30  # the same, of rays that gather
 def open_known_light(folder: str) -> gather.KnownLight:
     """The light that was written to `folder`; the same."""
     return shared_arrays.load_struct(Path(folder), gather.KnownLight)
-
-
-@keep_view_open
-def open_other_light(folder: str) -> ReferenceLevel:
-    """The same."""
-    return shared_arrays.load_struct(Path(folder), ReferenceLevel)
 
 
 @dataclass(frozen=True)
@@ -64,14 +55,9 @@ class TexelShard:
 
 @dataclass(frozen=True)
 class DirectShard(TexelShard):
-    """Shadow rays; the view's folder holds reference_level.ReferenceLevel, "" where nothing is known of it.
-
-    tolerance   see direct.direct_irradiance; dark: see stratified_choice
-    """
+    """Shadow rays; tolerance as of direct.direct_irradiance."""
 
     tolerance: float
-    view: str = ""
-    dark: float = 0.0
 
     def tiles(self) -> Tiles:
         """Of its texels."""
@@ -84,13 +70,10 @@ class DirectShard(TexelShard):
 def light_texels(shard: DirectShard) -> direct.DirectLight:
     """Direct light at the texels of a shard."""
     texels, scene = open_tracing(shard.tracing).texels, _open_direct_scene(shard.tracing)
-    entry, rng, tiles = shard.entries, shard.rng(DIRECT_ROUND), shard.tiles()
+    entry, rng = shard.entries, shard.rng(DIRECT_ROUND)
     crossed = texels.borders.see_beyond(entry, FOOTPRINT_SIDE)
-    beside = open_other_light(shard.view).at(entry) if shard.view else np.zeros(len(entry), np.float32)
-    light = partial(direct.direct_irradiance, scene, rng=rng, tolerance=shard.tolerance, dark=shard.dark)
-    # Repeated texels were not exact enough.
-    quads = Quads.none() if shard.turn else direct_quads.find_quads(texels, entry, tiles, crossed)
-    return direct_quads.light_by_quads(light, texels, entry, shard.tolerance, tiles, crossed, beside, quads)
+    found = direct.direct_irradiance(scene, texels.footprints_at, entry, rng, shard.tolerance, shard.tiles(), crossed)
+    return replace(found, irradiance_rgb=found.irradiance_rgb.astype(np.float32), variance_rgb=found.variance_rgb.astype(np.float32))
 
 
 @dataclass(frozen=True)

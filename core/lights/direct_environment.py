@@ -95,7 +95,6 @@ class EnvironmentLight:
         if len(self.few):
             own, foreseen = block[self.few], np.zeros((2, len(chunk)))
             foreseen[:, self.few] = mean[own], square[own]
-            base_rgb = base_rgb + np.maximum(demand.dark - weigh_channels(base_rgb) - foreseen[0], 0.0)[:, None]
             demand = replace(demand, tolerance=_NOISIER * demand.tolerance)
             expected = foreseen[0], foreseen[1]
             by_few, error, traced = sample_adaptively(gather, self.few, demand, base_rgb, foreseen=expected, gain=gain)

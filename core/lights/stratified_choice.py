@@ -29,13 +29,11 @@ class Demand:
     tolerance   standard error, relative to a texel's light, at which a light gets no more rays
     flat        tiles that lie on one triangle, whose texels share their first samples and pdfs
     alone       (n,) bool: texels that share no samples with their neighbours; None for none
-    dark        W/m^2: least light to which the error of light through openings is relative
     """
 
     tolerance: float
     flat: Tiles = field(default_factory=Tiles.none)
     alone: BoolArray | None = None
-    dark: float = 0.0
 
     def are_alone(self, rows: Int64) -> BoolArray | None:
         """(m,) bool: `alone` of the texels `rows` (m,); None if no texel is."""

@@ -251,7 +251,7 @@ class TexelMap:
         """Points of the unit square mapped to the texels' footprints, see `footprints_at` and `TexelFootprints.points`."""
         return self.footprints_at(entry, side).points(point)
 
-    def footprints_at(self, entry: IntArray, side: float = FOOTPRINT_SIDE, middle: float = 0.5) -> TexelFootprints:
+    def footprints_at(self, entry: IntArray, side: float = FOOTPRINT_SIDE) -> TexelFootprints:
         """Footprints of texels, uniform in world area.
 
         Image filters sample a texel at its centre. Its footprint is the square of half its side around the centre, on the triangle there,
@@ -259,11 +259,10 @@ class TexelMap:
 
         entry    (m,) int
         side     side of that square, texels; 1 for the whole covered part
-        middle   centre of the square, texels from the texel's lower left corner; another than 0.5 only for wholly covered texels
         """
         tri = self.texel_tri[entry]
         x_0, y_0, x_1, y_1, x_2, y_2, double_area = self._corner_frames.take(tri, axis=1)
-        x, y = self.texel_xy[entry].T + (middle - 0.5 * side)
+        x, y = self.texel_xy[entry].T + (0.5 - 0.5 * side)
         x -= x_0
         y -= y_0
         weight = np.empty((3, 2, len(tri)))

@@ -87,28 +87,11 @@ def find_tiles(chart: IntArray, code: IntArray) -> Int64:
     return first[(code[last] == code[first] + TILE_TEXELS - 1) & (chart[last] == chart[first])]
 
 
-def find_residual2(value: Float64) -> Float64:
-    """(k,) float64: squared residual per degree of freedom of least-squares quadratic surfaces of values (k, 64) of tiles' texels, in
-    Morton order.
-    """
-    off2: Float64 = (value**2).sum(axis=1) - ((value @ _SURFACES) ** 2).sum(axis=1)
-    off2 /= TILE_TEXELS - _SURFACES.shape[1]
-    return off2
-
-
 def _node_weights() -> Float64:
     """(64, 9) float64: weights of TILE_NODES at the texels of a tile, in Morton order, by Lagrange polynomials."""
     x, y = part_bits(np.arange(TILE_TEXELS))
     along = np.stack([np.prod([(np.arange(TILE_SIDE) - b) / (a - b) for b in TILE_LINES if b != a], axis=0) for a in TILE_LINES], axis=1)
     out: Float64 = (along[y][:, :, None] * along[x][:, None, :]).reshape(TILE_TEXELS, -1)
-    out.flags.writeable = False
-    return out
-
-
-def _find_surfaces() -> Float64:
-    """(64, 6) float64: an orthonormal basis of the polynomials of degree 2 at the texels of a tile, in Morton order."""
-    x, y = (place / (TILE_SIDE - 1) - 0.5 for place in part_bits(np.arange(TILE_TEXELS)))
-    out: Float64 = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))[0]
     out.flags.writeable = False
     return out
 
@@ -120,7 +103,6 @@ def _texels_at(x: IntArray, y: IntArray) -> Int64:
     return out
 
 
-_SURFACES = _find_surfaces()
 TILE_CORNERS = _texels_at(np.array([0, TILE_SIDE - 1, 0]), np.array([0, 0, TILE_SIDE - 1]))
 TILE_NODES = _texels_at(np.tile(TILE_LINES, len(TILE_LINES)), np.repeat(TILE_LINES, len(TILE_LINES)))
 NODE_WEIGHTS = _node_weights()

@@ -37,7 +37,7 @@ class Strips:
     width: int
 
     @classmethod
-    def of(cls, grainy: Int64, xy: IntArray, entry_at: Int32, radius: int, halo: int, may: BoolArray | None = None) -> Strips:
+    def of(cls, grainy: Int64, xy: IntArray, entry_at: Int32, radius: int, halo: int) -> Strips:
         """Strips around all texels within the windows of grainy ones. Those may have a small variance by chance, but the filter must be
         symmetric to preserve energy: a texel that contributes to a grainy one must receive its share of it.
 
@@ -45,7 +45,6 @@ class Strips:
         xy       (m, 2) int: their columns and rows in entry_at
         radius   of a window, texels
         halo     width of the border around a strip that its filter reads, texels
-        may      (n,) bool: entries that may be processed; None for all
         """
         (x, y), (height, width) = xy.T, entry_at.shape
         shown = entry_at[y, x] == grainy
@@ -55,8 +54,6 @@ class Strips:
         wanted[:, width:] = False
         near = wanted[:, :width]
         near &= entry_at >= 0
-        if may is not None:
-            near[near] = may[entry_at[near]]
         cuts = (cls(entry_at, halo, wanted, *_find_strips(wanted, width, halo), width + 2 * halo) for width in _WIDTHS)
         return min(cuts, key=lambda strips: strips.width * int(strips.height.sum()))
 

@@ -29,12 +29,9 @@ MECHANISMS = {
     "lamp_crowd": "of more than 16 lamps those that give little are sampled together",
     "emitter_pool": "of more than 12 emitting triangles some are sampled; textured ones always are",
     "openings": "where little of the sky is seen, rays go to where neighbours saw it",
-    "quads": "on pages of 2048^2 and more, smooth direct light is sampled once for 2 x 2 texels",
     "tiles": "tiles of 8 x 8 texels share their first rays to a light",
-    "block_agreement": "the first rays of 16 neighbours have to agree before any of them stops",
     "dark_leaders": "of neighbours that see nothing of a light one goes on for all",
-    "reference_level": "shadow rays stop by the error beside all light, indirect light included",
-    "dark_level": "below a sky, shadow rays stop at an absolute error in dark places",
+    "block_agreement": "the first rays of 16 neighbours have to agree before any of them stops",
     # indirect light by rays
     "bright_places": "as many gather rays again are aimed at bright places",
     "hit_light": "on wide cells near a texel direct light comes from shadow rays, not from the photons in the cell",

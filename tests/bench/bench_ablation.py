@@ -25,9 +25,6 @@ from tables import Table, fill_page
 from zoo_bakes import Bake, bake_leaflight
 from zoo_reference import PageReference, Subject, find_reference
 
-# Without effect in the bakes that are made here, for pages are smaller.
-IDLE = ("quads",)
-
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
@@ -113,7 +110,7 @@ def main(words: list[str] | None = None) -> int:
     if arguments.turns < 2:
         parser.error("--turns: expected at least 2, for without another seed nothing tells what is noise.")
     add_image_io()
-    mechanisms = arguments.mechanisms or [name for name in MECHANISMS if name not in IDLE]
+    mechanisms = arguments.mechanisms or list(MECHANISMS)
     asked = Asked(arguments.error, arguments.max_photons, arguments.budget, tuple(range(1, 1 + arguments.turns)), arguments.jobs)
     scenes: list[SceneTrials] = []
 

@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from floors import assert_photons_agree, floor_footprints, floor_tiles, light_floor, lit_scene, morton_square, prepare, to_grid, trace_first
-from leaflight.core.integrate import direct
+from floors import assert_photons_agree, floor_footprints, floor_tiles, light_floor, lit_scene, prepare, to_grid, trace_first
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.lights.irradiance import polygon_irradiance
 from leaflight.core.scene.scene import Light, SceneSnapshot
-from scenes import box_mesh, grid_mesh, moved, quad_mesh
+from scenes import box_mesh, moved, quad_mesh
 
 SIDE = 32
 PLACE = (np.arange(SIDE) + 0.5) / SIDE  # m, texel centres along an edge of the floor
@@ -142,37 +141,3 @@ def test_no_texels_and_no_lights():
     scene, _, _ = prepare(lit_scene())
     assert direct_irradiance(scene, floor_footprints(2), np.arange(0), np.random.default_rng(1)).irradiance_rgb.shape == (0, 3)
     assert not direct_irradiance(scene, floor_footprints(2), np.arange(4), np.random.default_rng(1)).irradiance_rgb.any()
-
-
-class TestBesideOtherLight:
-    """Where there is other light too, direct light has to be less sure: of less than that no ray is sent that its sum does not need."""
-
-    lamps = tuple(replace(BULB, radius_m=0.1, position_m=(x, y, 0.8)) for x in PLACE[::6] for y in PLACE[::8])
-    plate = moved(grid_mesh("Plate", 4), scale=0.12, offset_m=(0.25, 0.25, 0.9))  # more triangles than are looked at one by one
-    scenes = (lit_scene([BLOCK], [PANEL]), lit_scene([BLOCK], lamps), lit_scene([BLOCK], emission=[plate]))
-
-    @pytest.mark.parametrize(("scene", "tolerance"), list(zip(scenes, (0.02, 0.08, 0.08), strict=True)))
-    def test_fewer_rays_and_as_sure_as_the_sum_must_be(self, scene, tolerance):
-        runs = [light_floor(scene, SIDE, seed=seed, tolerance=1e-4) for seed in range(4)]
-        truth = np.mean([red(run) for run in runs], axis=0)
-        level = np.full(SIDE**2, 2.0 * truth.mean(), np.float32)
-        alone, beside = (
-            [light_floor(scene, SIDE, seed=seed, tolerance=tolerance, beside=other) for seed in range(10, 18)] for other in (None, level)
-        )
-        few, many = (np.mean([run.counters["rays"] for run in some]) for some in (beside, alone))
-        assert few < 0.75 * many
-        error2 = np.mean([(red(run) - truth) ** 2 for run in beside], axis=0)
-        assert np.sqrt((error2 / (truth + level[0]) ** 2).mean()) < tolerance
-        assert np.mean([red(run).mean() for run in beside]) == pytest.approx(truth.mean(), rel=0.01)
-
-    @pytest.mark.parametrize("options", [{}, {"crossed": np.arange(SIDE**2) % 2 == 1}])
-    def test_each_texel_has_its_own(self, options, monkeypatch):
-        """Half of the floor lies in other light; also where texels are looked at some at a time, and apart."""
-        monkeypatch.setattr(direct, "MOST_TEXELS", 256)
-        column = morton_square(SIDE)[0]
-        bright = np.where(column < SIDE // 2, 1e3, 0.0).astype(np.float32)
-        runs = [light_floor(self.scenes[0], SIDE, tolerance=1e-3, beside=other, **options) for other in (None, bright)]
-        alone, beside = (to_grid(run.variance_rgb[:, 0], SIDE) for run in runs)
-        half = SIDE // 2
-        assert beside[:, :half].mean() > 2.0 * alone[:, :half].mean()
-        assert beside[:, half + 4 :].mean() < 1.2 * alone[:, half + 4 :].mean()

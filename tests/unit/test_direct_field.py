@@ -1,15 +1,13 @@
 """Shots add up to means, with the variance of means."""
 
 import copy
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, prepare_folder
-from leaflight.core.integrate import direct_shards, texel_shards
+from leaflight.core.integrate import direct_shards
 from leaflight.core.integrate.direct import DirectLight
 from leaflight.core.integrate.direct_field import DirectField
-from leaflight.core.integrate.reference_level import ReferenceLevel
 from leaflight.core.parallel import executors
 from leaflight.core.util.settings import Settings
 
@@ -85,27 +83,3 @@ def test_rare_light_is_right_on_average_however_often_texels_are_shot_again():
     assert passes > 4
     assert mean == pytest.approx(1.0, abs=4 * noise)
     assert abs(settle(lambda field, error2: error2)[0] - 1.0) > 10 * noise  # were each chosen by its own
-
-
-def test_rays_are_fewer_where_there_is_other_light_and_nothing_is_left_of_what_told_so(shot):
-    folder, alone = shot
-    every, before = range(len(alone.passes)), set(folder.iterdir())
-    beside = DirectField.none(len(alone.passes))
-    bright = ReferenceLevel(np.full(len(alone.passes), 100.0, np.float32))
-    settings = replace(SETTINGS, error=0.02)
-    asked = [False, True]
-    assert beside.shoot(folder, settings, executors.InlineExecutor(), every, other=bright)
-    assert not alone.shoot(folder, settings, executors.InlineExecutor(), every, should_stop=asked.pop, other=bright)
-    assert set(folder.iterdir()) == before
-    whole = DirectField.none(len(alone.passes))
-    whole.shoot(folder, settings, executors.InlineExecutor(), every)
-    assert beside.counters["rays"] < 0.8 * whole.counters["rays"]
-
-
-def test_nothing_is_left_where_shards_fail(shot, monkeypatch):
-    folder, field = shot
-    before = set(folder.iterdir())
-    monkeypatch.setattr(texel_shards, "light_texels", lambda shard: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        field.shoot(folder, SETTINGS, executors.InlineExecutor(), range(9), other=ReferenceLevel(np.zeros(9, np.float32)))
-    assert set(folder.iterdir()) == before

@@ -127,8 +127,3 @@ class TestLight:
     def test_rays_are_aimed_below_a_small_hatch_alone(self):
         assert light_floor(roofed(HATCH)).by_openings.all()
         assert not light_floor(roofed((-2.0, 3.0, -2.0, 3.0))).by_openings.any()
-
-    @pytest.mark.parametrize("options", [{"dark": 10.0}, {"beside": np.full(SIDE**2, 10.0, np.float32)}])
-    def test_rays_are_few_beside_other_light(self, options):
-        few, all_rays = (light_floor(roofed(HATCH), tolerance=0.02, **given).counters["rays"] for given in (options, {}))
-        assert few < 10 * SIDE**2 < all_rays
