@@ -188,7 +188,7 @@ def test_each_fault_of_a_scene_is_told_and_the_rest_is_baked(tmp_path, value):
     scene = save_scene(tmp_path / "room.blend")
     warnings = bake_with_warnings(scene)
     for part, subjects in (
-        ("negative power", {"Negative"}),
+        ("power is negative", {"Negative"}),
         ("no faces", {"Empty", "Wire"}),
         ("not a finite number", {"Broken", "Hopeless"}),
         ("lie exactly on others", {"Twice"}),
