@@ -164,7 +164,8 @@ class ReceivingSurfaces:
     smooth           (n_tri,) bool                     whether the corners' normals differ from the geometric one
     shading_normal   (n_tri, 3, 3) float32
     maps             normal maps, None if there are none
-    surfaces         what these surfaces reflect; None if there are no normal maps, and where all points of a texel count alike
+    surfaces         what these surfaces reflect
+    tri_patterned    (n_tri,) bool: triangles with a normal map over which the diffuse albedo varies
     """
 
     corner_unit: Float32
@@ -172,8 +173,9 @@ class ReceivingSurfaces:
     tri_frame: Float32
     smooth: BoolArray
     shading_normal: Float32
-    maps: NormalMaps | None = None
-    surfaces: SurfaceMaterials | None = None
+    maps: NormalMaps | None
+    surfaces: SurfaceMaterials
+    tri_patterned: BoolArray
 
     @classmethod
     def of(cls, snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: SurfaceMaterials) -> ReceivingSurfaces:
@@ -181,8 +183,8 @@ class ReceivingSurfaces:
         normal = triangle_normals_areas(snapshot.tri_position)[0].astype(np.float32)
         smooth = np.abs(snapshot.tri_normal - normal[:, None]).max(axis=(1, 2)) > _SMOOTH_DEVIATION
         maps = NormalMaps.of(snapshot)
-        reflecting = surfaces if maps is not None and surfaces.find_patterned().any() else None
-        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal, maps, reflecting)
+        patterned = surfaces.find_patterned() & (maps.tri_image >= 0) if maps else np.zeros(snapshot.n_tri, bool)
+        return cls(corner_unit, normal, triangle_frames(corner_unit), smooth, snapshot.tri_normal, maps, surfaces, patterned)
 
     def place(self, tri: IntArray, u: Float32, v: Float32) -> Float32:
         """(n, 3) view of rows, unit box: points at weights of corners 1 and 2."""
@@ -205,7 +207,7 @@ class ReceivingSurfaces:
         normal[0] = side
         corners = triangle_frames(self.shading_normal[tri[smooth]])
         normal[:, :, smooth] = _follow_axes(corners, np.arange(len(smooth)), weight[:, :, smooth]) * np.float32(-1 if flip else 1)
-        bumps = Bumps(self.maps, bumped, tri, weight, self.surfaces) if self.maps and bumped.any() else None
+        bumps = Bumps(self.maps, self.surfaces, bumped, tri, weight) if self.maps and bumped.any() else None
         return ReceiverFrames(position, side, normal, is_smooth | bumped, bumps)
 
 
@@ -227,22 +229,16 @@ class Bumps:
     bumped   (n,) bool           whether the element has a map
     tri      (n,) int32
     weight   (3, 2, n) float32   of corners 1 and 2, at the origin and along the axes
-    surfaces as of ReceivingSurfaces
     """
 
     maps: NormalMaps
+    surfaces: SurfaceMaterials
     bumped: BoolArray
     tri: Int32
     weight: Float32
-    surfaces: SurfaceMaterials | None
-
-    def find_patterned(self) -> BoolArray:
-        """(n,) bool: elements of a map over which the albedo varies too."""
-        return self.bumped & self.surfaces.find_patterned()[self.tri] if self.surfaces else np.zeros(len(self.tri), bool)
 
     def find_albedo(self, element: IntArray, a: FloatArray, b: FloatArray) -> Float32:
         """(k, m) float32: diffuse albedo, the mean of its channels, at coordinates a, b (k, m) of elements (k, m)."""
-        assert self.surfaces is not None
         own = element.ravel()
         u, v = self._weigh_corners(own, a.ravel(), b.ravel())
         return self.surfaces.diffuse_at(self.tri[own], u, v).reshape(a.shape)
@@ -322,8 +318,7 @@ class TexelChunk:
 
     def __init__(self, footprints: TexelFootprints, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
         self._footprints, self._shift, self._frames = footprints, shift, surfaces.follow(footprints, flip)
-        # Texels whose points are chosen by their albedo.
-        self._patterned = self._frames.bumps.find_patterned()[: len(footprints)] if surfaces.surfaces and self._frames.bumps else None
+        self._patterned = surfaces.tri_patterned[self.tri]  # texels whose points are chosen by their albedo
 
     def __len__(self) -> int:
         return len(self._footprints)
@@ -340,7 +335,7 @@ class TexelChunk:
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Origins of rays first ... last - 1 of texels `rows`, ordered by ray: ((last - first) * len(rows), ...)."""
         points = shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows))
-        patterned = np.flatnonzero(self._patterned[rows]) if self._patterned is not None else ()
+        patterned = np.flatnonzero(self._patterned[rows])
         if len(patterned):
             points[:, patterned] = self._choose_by_albedo(rows[patterned], first, last)
         return self.receivers_at(rows, points)

@@ -38,9 +38,7 @@ _LESS = 0.6  # and has less than this share of the light of its own back
 TURNED = (
     "some faces look into a solid, where no light comes, so the light on their backs is kept; flip their normals, or set Sides to Front"
 )
-BEHIND = (
-    "some faces may look too dark: they look at backs of others, and more light is on their own; flip their normals, or set Sides to Both"
-)
+BEHIND = "some faces may look too dark: they face backs of others, and their own backs get more light; flip normals, or set Sides to Both"
 OPEN = "can be seen from both sides, but its lightmap has the light of the front; give it thickness, or set Sides to Both to add both up"
 
 
