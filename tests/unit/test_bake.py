@@ -14,7 +14,7 @@ from leaflight.core.output import resolve
 from leaflight.core.output.image_file import read_image
 from leaflight.core.parallel import executors
 from leaflight.core.scene.scene import Light
-from leaflight.core.scene.snapshot import load_snapshot, save_snapshot
+from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util.encodings import ENCODINGS
 from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Done, Preview, Progress, Status, Warning_
@@ -143,18 +143,6 @@ def test_whoever_traces_is_sent_home_however_the_bake_ends(tmp_path, monkeypatch
     with pytest.raises(raises) if raises else nullcontext():
         bake.run_bake(tmp_path, lambda message: None, lambda: end == "stopped", lambda settings: Traced())
     assert ended == [True]
-
-
-def test_a_damaged_snapshot_is_a_sentence(tmp_path):
-    save_snapshot(tmp_path / SNAPSHOT_FILE, lamp_scene())
-    whole = (tmp_path / SNAPSHOT_FILE).read_bytes()
-    assert load_snapshot(tmp_path / SNAPSHOT_FILE).n_tri == 14
-    Job(QUICK, str(tmp_path / "images"), "room").save(tmp_path)
-    for damaged in (b"", whole[: len(whole) // 2], whole[:300] + b"?" * 300 + whole[600:]):
-        (tmp_path / SNAPSHOT_FILE).write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"snapshot\.npz: .+; export the scene again\."):
-            bake.run_bake(tmp_path, lambda message: None, lambda: False)
-    assert not list_files(tmp_path / "images")
 
 
 @pytest.mark.parametrize("place", ["file", "below a file", "/proc/self/images", "/proc/self"])

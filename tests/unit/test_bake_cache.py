@@ -1,4 +1,4 @@
-"""A bake is kept when scene, settings, code and files are what they were, and is done again when any of them is not."""
+"""A bake is kept when scene, settings, code and files are what they were; whose images it writes over, and which it leaves over."""
 
 import json
 from dataclasses import replace
@@ -10,12 +10,17 @@ from boxes import bake_folder, lamp_scene
 from leaflight.core.atlas.chart_cache import find_charts_file
 from leaflight.core.bake import bake_cache
 from leaflight.core.bake.checkpoint import INFO_FILE
-from leaflight.core.scene.scene import Material
+from leaflight.core.bake.earlier_bakes import find_others, read_notes
+from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, Job
-from leaflight.core.util.messages import Warning_
+from leaflight.core.util.messages import Status, Warning_
 from leaflight.core.util.settings import Settings
+from scenes import make_scene, moved, quad_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
+
+
+# A bake is kept when scene, settings, code and files are what they were, and is done again when any of them is not.
 SCENE = replace(lamp_scene(), materials=(Material("Snow", (2.0, 2.0, 2.0)),))  # it is clamped, which is a warning
 QUICK = Settings(size=16, padding=1, workers=1, error=0.9, max_photons=2000, passes=("combined", "albedo"))
 
@@ -138,3 +143,148 @@ def test_a_note_that_cannot_be_written_costs_a_warning_only(tmp_path, monkeypatc
     job, messages, _ = bake_job(tmp_path)
     assert [message.text for message in messages if isinstance(message, Warning_)][-1].startswith("this bake cannot be noted in ")
     assert list(Path(job.output).glob(".leaflight*")) == [find_charts_file(job)]
+
+
+# Whose images a bake writes over, and which pages of an earlier one it leaves over.
+SPARSE = Settings(size=32, padding=1, margin=0, workers=1, error=0.9, max_photons=2000, density=10.0)
+LARGE = replace(SPARSE, density=28.0)  # a page for each of three quads
+SUN = Light("SUN", "Sun", power_rgb=(1.0, 1.0, 1.0))
+QUADS = make_scene([moved(quad_mesh(f"Quad {k}"), (2.0 * k, 0.0, 0.0)) for k in range(3)], [SUN])
+PAGES = ["room_0.combined.exr", "room_1.combined.exr", "room_2.combined.exr"]
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Bakes into one folder; gives what is told of files that are left over, and the messages."""
+    (tmp_path / "room.blend").touch()
+
+    def run(settings=SPARSE, name="room", blend="room.blend", should_stop=lambda: False):
+        messages, _ = bake_folder(tmp_path, QUADS, settings, should_stop, name, blend=str(tmp_path / blend) if blend else "")
+        return [text for text in list_warnings(messages) if "old lightmap" in text], messages
+
+    return run
+
+
+def list_warnings(messages):
+    return [message.text for message in messages if isinstance(message, Warning_)]
+
+
+def left_over(tmp_path, *names):
+    return f"{', '.join(names)} in {tmp_path / 'images'}: old lightmap from an earlier bake; you can delete it if no other file uses it"
+
+
+def test_pages_that_a_smaller_bake_has_no_more_are_told_once_and_stay(run, tmp_path):
+    assert run(LARGE)[0] == []
+    assert sorted(path.name for path in (tmp_path / "images").glob("*.exr")) == PAGES
+    assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
+    assert run(replace(SPARSE, seed=2))[0] == [], "it was said once"
+    assert (tmp_path / "images" / PAGES[1]).is_file()
+    run(LARGE)
+    assert run(replace(SPARSE, seed=3))[0] == [left_over(tmp_path, *PAGES[1:])], "these are new ones"
+
+
+def test_a_bake_that_is_kept_tells_nothing_of_files_that_may_be_gone(run, tmp_path):
+    run(LARGE)
+    run()
+    kept = bake_cache.find_kept_bake(QUADS, Job.load(tmp_path))
+    assert kept is not None
+    assert not any("old lightmap" in text for _, text in kept.warnings)
+
+
+def test_images_of_other_passes_formats_and_names_are_nobodys_further_pages(run, tmp_path):
+    run(replace(LARGE, passes=("combined", "albedo"), formats=("exr", "hdr")))
+    run(LARGE, "other")
+    assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
+
+
+@pytest.mark.parametrize(("first", "then"), [(replace(LARGE, atlas=False), SPARSE), (LARGE, replace(SPARSE, atlas=False))])
+def test_images_of_single_objects_are_nobodys_further_pages(run, first, then):
+    run(first)
+    assert run(then)[0] == []
+
+
+def test_a_file_called_like_a_page_is_none_of_a_bake_of_single_objects(run, tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "room_3.combined.exr").touch()
+    assert run(replace(LARGE, atlas=False))[0] == []
+    assert run(LARGE)[0] == [left_over(tmp_path, "room_3.combined.exr")]
+
+
+def test_what_another_bake_has_noted_is_not_left_over_until_it_is_changed(run, tmp_path):
+    run(LARGE)
+    note = bake_cache.find_note(Job(SPARSE, str(tmp_path / "images"), "room"))
+    note.with_name(".leaflight_other.npz").write_bytes(note.read_bytes())
+    with open(tmp_path / "images" / PAGES[1], "ab") as file:
+        file.write(b"painted on")
+    assert run()[0] == [left_over(tmp_path, PAGES[1])]
+
+
+def _lose_note(note):
+    note.unlink()
+
+
+def _lose_contents(note):
+    _rewrite(note, lambda header: header.update(contents=[]))
+
+
+def _rewrite(note, change):
+    with np.load(note) as stored:
+        arrays = dict(stored)
+    header = json.loads(arrays["header"].tobytes())
+    change(header)
+    np.savez(note, **{**arrays, "header": np.frombuffer(json.dumps(header).encode(), np.uint8)})
+
+
+@pytest.mark.parametrize("harm", [_lose_note, _lose_contents])
+def test_what_is_left_over_is_told_without_a_note(run, tmp_path, harm):
+    run(LARGE)
+    harm(bake_cache.find_note(Job(SPARSE, str(tmp_path / "images"), "room")))
+    assert run()[0] == [left_over(tmp_path, *PAGES[1:])]
+
+
+def test_a_note_that_names_files_elsewhere_is_not_followed(run, tmp_path):
+    run(LARGE)
+    note = bake_cache.find_note(Job(SPARSE, str(tmp_path / "images"), "room"))
+    _rewrite(note, lambda header: header["result"]["files"][2].update(path="../mine.exr"))
+    assert [list(bake.files) for bake in read_notes(tmp_path / "images")] == [PAGES[:2]]
+
+
+def test_images_of_another_blend_that_are_written_over_are_told_before_there_is_light(run, tmp_path):
+    run(LARGE)
+    _, messages = run(blend="copy.blend")
+    images, blend = tmp_path / "images", tmp_path / "room.blend"
+    assert len(list_warnings(messages)) == 1
+    assert f"would be overwritten: {PAGES[0]} in {images}, of {blend}; choose another" in list_warnings(messages)[0]
+    told = next(i for i, message in enumerate(messages) if isinstance(message, Warning_))
+    assert isinstance(messages[told + 1], Status)
+    assert messages[told + 1].stage == "texels"
+
+
+def test_names_of_single_objects_are_alike_in_two_blends(run, tmp_path):
+    """Each has a note of its own, and what has been written over is the first one's no more."""
+    single = replace(SPARSE, atlas=False)
+    (tmp_path / "copy.blend").touch()
+    run(single)
+    told = list_warnings(run(replace(single, density=9.0), "copy", "copy.blend")[1])
+    assert len(told) == 1
+    assert ": Quad 0.combined.exr, Quad 1.combined.exr, Quad 2.combined.exr in " in told[0]
+    assert list_warnings(run(replace(single, density=8.0), "copy", "copy.blend")[1]) == []
+    assert "copy.blend" in list_warnings(run(single)[1])[0]
+
+
+@pytest.mark.parametrize("blends", [("room.blend", "room.blend"), ("gone.blend", "room.blend"), ("sub/../room.blend", "room.blend")])
+def test_nothing_is_told_of_images_of_the_same_blend_or_of_one_that_is_no_more(run, blends):
+    run(blend=blends[0])
+    assert list_warnings(run(replace(SPARSE, seed=2), blend=blends[1])[1]) == []
+
+
+def test_a_folder_that_is_moved_with_its_blend_is_the_same(run, tmp_path):
+    run(LARGE)
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    (tmp_path / "images").rename(moved / "images")
+    (tmp_path / "room.blend").rename(moved / "room.blend")
+    job = Job(SPARSE, str(moved / "images"), "room", blend=str(moved / "room.blend"))
+    assert find_others(job, PAGES) == {}
+    other = replace(job, blend=str(tmp_path / "room.blend"))
+    assert find_others(other, PAGES) == {moved / "room.blend": PAGES}

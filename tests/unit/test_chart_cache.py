@@ -16,7 +16,7 @@ from scenes import box_mesh, grid_mesh, make_scene, moved, sphere_mesh
 pytestmark = pytest.mark.usefixtures("open_image_io")
 BALL, CLOTH = sphere_mesh("Ball", rings=20, segments=40), grid_mesh("Cloth", cells=24, noise=0.4)  # too large to be unwrapped together
 QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=2000)
-N_BALL, N_CLOTH = make_scene([BALL]).n_tri, make_scene([CLOTH]).n_tri
+N_CLOTH = make_scene([CLOTH]).n_tri
 
 
 @pytest.fixture

@@ -1,13 +1,16 @@
-"""What a person at the terminal sees."""
+"""Words for people, and messages between processes: lines of the terminal, sentences of the panel, numbers as they are written."""
 
 import math
 from pathlib import Path
 
 import pytest
 from leaflight.addon.app.console import describe_files, describe_miss, describe_progress, print_message
+from leaflight.addon.app.quantities import read_count, read_duration, read_number, write_count, write_duration
 from leaflight.addon.show.bake_text import describe_error
-from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_
+from leaflight.core.util.messages import Done, Error, Preview, Progress, Status, Warning_, decode_message, encode_message
+from leaflight.core.util.user_text import Sentence, begin_line, group_warnings, match_name, split_error, write_sentence
 
+# What a person at the terminal sees.
 PROGRESS = Progress(fraction=0.25, photons=1_500_000, photons_per_s=2.5e6, estimated_error=0.043, seconds_left=12.4, leaves=900)
 
 
@@ -108,3 +111,146 @@ CELLAR = row("Cellar", 1.05, lighting=0.005)
 )
 def test_the_object_that_errs_most_is_named_where_it_errs_more_than_the_whole(error, error_of, rows, lines):
     assert describe_error({"estimated_error": error, "error_of": error_of, "objects": rows}) == lines
+
+
+# Sentences of the panel and what each is about.
+def test_warnings_about_many_objects_are_one_sentence():
+    told = [("A", "has no faces"), *((name, f"{name}: is too small.") for name in "ABCDEA"), ("", "the sky is dark.")]
+    assert group_warnings(told) == [
+        Sentence(("A",), "A: has no faces"),
+        Sentence(("A", "B", "C", "D", "E"), "A, B, C and 2 more: each is too small."),
+        Sentence((), "the sky is dark."),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("one", "many"),
+    [
+        ("has 8 UV layers; remove one to give it a lightmap", "each has 8 UV layers; remove one to give it a lightmap"),
+        ("was deleted during the bake", "each was deleted during the bake"),
+        ("casts no shadow", "each casts no shadow"),
+        ("does not fit a page", "each does not fit a page"),
+        ("its mesh is linked, so it shows its copy", "each one's mesh is linked, so it shows its copy"),
+        ("half of its charts are smaller than a texel", "half of each one's charts are smaller than a texel"),
+        ("no face is within limits", "no face is within limits"),
+    ],
+)
+def test_a_sentence_is_right_about_one_and_about_many(one, many):
+    assert write_sentence(["A", "A"], one).text == f"A: {one}"
+    assert write_sentence(["A", "B"], one).text == f"A, B: {many}"
+
+
+def test_an_error_names_its_subject_before_the_colon():
+    known = {"Wall", "Wall: left", "nothing"}.__contains__
+    assert split_error("Wall: is odd; mend it.", known) == Sentence(("Wall",), "Wall: is odd; mend it.")
+    assert split_error("Wall: left: is odd: mend it.", known).names == ("Wall: left",)
+    assert split_error("Roof: is odd; mend it.", known).names == ()
+    assert split_error("All is dark.", known) == Sentence((), "All is dark.")
+
+
+def test_a_line_begins_with_a_capital_letter_or_with_a_name_as_it_is():
+    assert begin_line("the scene has no light") == "The scene has no light"
+    assert begin_line("lamp: is dark", ["lamp"]) == "lamp: is dark"
+    assert begin_line("each lamp is dark", ["lamp"]) == "Each lamp is dark"
+    assert begin_line("") == ""
+
+
+@pytest.mark.parametrize(
+    ("subject", "name"), [("Chair", "Chair"), ("Chair.001", "Chair.001"), ("Row.Chair.002", "Row"), ("Table", ""), ("Row.", "Row")]
+)
+def test_instances_are_named_after_what_makes_them(subject, name):
+    assert match_name(subject, {"Chair", "Chair.001", "Row"}) == name
+
+
+def test_fifty_warnings_that_differ_by_numbers_are_one_line():
+    told = group_warnings((f"Metal {number}", f"its metallic reflection ({number}%) is left out") for number in range(50))
+    assert [one.text for one in told] == [
+        "Metal 0, Metal 1, Metal 2 and 47 more: each one's metallic reflection (0%) is left out (numbers of Metal 0)"
+    ]
+    assert len(told[0].names) == 50
+    assert len(group_warnings([("", "has room for 3 MB"), ("", "has room for 4 MB")])) == 2  # of the scene: each says something
+
+
+# Numbers as people write them.
+@pytest.mark.parametrize(
+    ("count", "text"), [(64_000_000, "64 M"), (1_500_000, "1.5 M"), (1000, "1 k"), (10**12, "1000 G"), (1_234_567, "1,234,567")]
+)
+def test_counts_are_written_short_and_read_again(count, text):
+    assert write_count(count) == text
+    assert read_count(text) == count
+
+
+@pytest.mark.parametrize(("text", "count"), [("64m", 64_000_000), ("2e6", 2_000_000), ("1,000", 1000), (" 3.5 M photons ", 3_500_000)])
+def test_counts_may_be_written_in_many_ways(text, count):
+    assert read_count(text) == count
+
+
+@pytest.mark.parametrize("text", ["", "many", "-5", "64 Q", "1e999", "0x10", "5 M M"])
+def test_what_is_no_count_is_none(text):
+    assert read_count(text) is None
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(90.0, "1.5 min"), (45.0, "45 s"), (3600.0, "1 h"), (61.0, "61 s")])
+def test_durations_are_written_and_read_again(seconds, text):
+    assert write_duration(seconds) == text
+    assert read_duration(text) == seconds
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("90", 90.0), ("5min", 300.0), ("2:30", 150.0), ("1:00:05", 3605.0), ("1.5 H", 5400.0)])
+def test_durations_may_be_written_in_many_ways(text, seconds):
+    assert read_duration(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-5", "5 weeks", "1:2:3:4"])
+def test_what_is_no_duration_is_none(text):
+    assert read_duration(text) is None
+
+
+def test_plain_numbers():
+    assert (read_number("12.5"), read_number(" 1e3 "), read_number("twelve")) == (12.5, 1000.0, None)
+
+
+# Each kind of message is one line there and the same object back.
+MESSAGES = {
+    "STATUS": Status("charts", "Unwrapping, 37%: Floor", 0.37),
+    "PROGRESS": Progress(0.25, 65_536, 1e6, 0.071, 12.5, 300),
+    "PREVIEW": Preview(2, "/a folder/page 2.npy"),
+    "WARNING": Warning_("Lampe \u00e4\u4e2d", 'two lines\nand "quotes"'),
+    "ERROR": Error("Table: has no faces; add some."),
+    "DONE": Done("C:\\temp\\result.json", True),
+}
+
+
+@pytest.mark.parametrize(("kind", "message"), MESSAGES.items(), ids=MESSAGES)
+def test_round_trip(kind, message):
+    line = encode_message(message)
+    assert "\n" not in line
+    assert f'"kind": "{kind}"' in line
+    assert decode_message(line + "\n") == message
+
+
+def test_numbers_that_cannot_be_told_stay_nan():
+    back = decode_message(encode_message(Progress(0.0, 0, 0.0, math.nan, math.nan, 0)))
+    assert math.isnan(back.estimated_error)
+    assert math.isnan(back.seconds_left)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "Blender 5.0.1 (hash 1234)",
+        "[]",
+        "null",
+        '{"text": "no kind"}',
+        '{"kind": "WARN", "subject": "", "text": ""}',
+        '{"kind": "ERROR"}',
+        '{"kind": "ERROR", "text": "", "more": 1}',
+        '{"kind": "DONE", "result": "x", ',
+        '{"kind": ["ERROR"], "text": ""}',
+    ],
+)
+def test_another_line_is_refused_and_named(line):
+    with pytest.raises(ValueError, match="not a Leaflight message") as caught:
+        decode_message(line)
+    assert line[:20] in str(caught.value).encode().decode("unicode_escape")

@@ -1,4 +1,4 @@
-"""The core as programmers meet it: what importing costs, and the example in its docstring."""
+"""The core as programmers meet it: what importing costs, the example in its docstring, and its memory."""
 
 import json
 import subprocess
@@ -6,15 +6,18 @@ import sys
 import tempfile
 import textwrap
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from leaflight import core
 from leaflight.core.bake.bake import run_bake
+from leaflight.core.output import report
 from leaflight.core.output.image_file import read_image
 from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.util import job
 
+# The core as programmers meet it: what importing costs, and the example in its docstring.
 NATIVE = ("embreex", "xatlas", "OpenImageIO", "bpy")
 
 
@@ -75,3 +78,17 @@ def test_solving_hears_of_progress_and_can_be_stopped(names):
     assert light.stopped_by == "interrupted"
     assert light.pages["combined"].any()  # the best so far
     assert heard
+
+
+# What a bake tells of its objects, and of its memory.
+def test_peak_memory_is_in_megabytes():
+    found = report.measure_memory_mb()
+    assert not found if sys.platform == "win32" else 20 < found["core"] < 100_000
+
+
+@pytest.mark.parametrize(("platform", "unit_mb"), [("linux", 1e-3), ("darwin", 1e-6)])
+def test_peak_memory_is_told_in_the_units_of_the_system(monkeypatch, platform, unit_mb):
+    usage = SimpleNamespace(RUSAGE_SELF=0, RUSAGE_CHILDREN=-1, getrusage=lambda who: SimpleNamespace(ru_maxrss=(5 - who) / unit_mb))
+    monkeypatch.setitem(sys.modules, "resource", usage)
+    monkeypatch.setattr(report.sys, "platform", platform)
+    assert report.measure_memory_mb() == {"core": 5.0, "worker": 6.0}

@@ -1,12 +1,28 @@
-"""A time limit as wall time: what is held back for the end, and what is left out for its sake."""
+"""What ends a bake, how long its rounds are, what is left out for the sake of time, and how far it has come."""
 
 import math
+import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from leaflight.core.bake.deadline import Deadline, OutOfTime
+from leaflight.core.bake.stop_rules import StopRules
+from leaflight.core.transport.rounds import (
+    FIRST_ROUND_PHOTONS,
+    ROUND_PHOTONS,
+    SHARD_PHOTONS,
+    SPARE,
+    grow_photons,
+    next_photons,
+    share_photons,
+)
 from leaflight.core.util.messages import Status
+from leaflight.core.util.progress import Interrupted, ProgressReporter, stretch, unwatched
+from leaflight.core.util.settings import Settings
 
 
+# A time limit as wall time: what is held back for the end, and what is left out for its sake.
 def test_without_a_limit_nothing_is_ever_late(clock):
     free = Deadline()
     free.note_texels(100.0)
@@ -122,3 +138,136 @@ def test_work_that_is_spread_ends_when_it_is_late(clock):
     assert list(spread(work, ((number,) for number in range(100)))) == [0, 1, 2, 3]
     assert done == [0, 1, 2, 3]
     assert list(Deadline().limit_spread(lambda fn, calls: (fn(*call) for call in calls), lambda: True)(int, (("1",), ("2",)))) == [1, 2]
+
+
+# What ends a bake, and how far it has come.
+def rules(wished=False, age_s=0.0, **knobs):
+    return StopRules(Settings(**{"error": 0.05, "max_photons": 10_000, **knobs}), lambda: wished, time.monotonic() - age_s)
+
+
+@pytest.mark.parametrize(
+    ("error", "photons", "options", "reason"),
+    [
+        (0.06, 5000, {}, ""),
+        (0.05, 5000, {}, "error"),
+        (math.nan, 5000, {}, ""),
+        (0.06, 9998, {}, ""),
+        (0.06, 9999, {}, "max_photons"),  # two halves of a bake want a photon each
+        (0.06, 5000, {"time_limit": 20.0, "age_s": 30.0}, "time_limit"),
+        (0.06, 5000, {"time_limit": 40.0, "age_s": 30.0}, ""),
+        (0.05, 5000, {"time_limit": 20.0, "age_s": 30.0}, "error"),
+        (0.05, 9999, {"time_limit": 20.0, "age_s": 30.0, "wished": True}, "interrupted"),
+    ],
+)
+def test_a_bake_ends_for_the_first_reason_that_holds(error, photons, options, reason):
+    assert rules(**options).find_reason(error, photons) == reason
+
+
+def progress(before=0, photons=5000, error=0.1, stopped_by="", **options):
+    light = SimpleNamespace(photons=photons, error=error, stopped_by=stopped_by, leaves=[1, 2, 3])
+    return rules(**options).measure_progress(light, before)
+
+
+def test_progress_is_that_of_the_rule_that_is_nearest():
+    assert progress(age_s=10.0).fraction == pytest.approx(0.5)
+    assert progress(age_s=10.0, error=0.06).fraction == pytest.approx((0.05 / 0.06) ** 2)
+    assert progress(age_s=18.0, time_limit=20.0).fraction == pytest.approx(0.9, rel=1e-3)
+    assert progress(age_s=10.0, stopped_by="interrupted").fraction == 1.0
+    assert progress(error=math.nan, age_s=10.0).fraction == pytest.approx(0.5)
+    assert progress(age_s=30.0, time_limit=20.0).fraction == 1.0
+
+
+def test_time_left_is_by_what_this_bake_has_done_of_it():
+    alone, resumed = progress(age_s=10.0), progress(before=4000, age_s=10.0)
+    assert (alone.photons_per_s, alone.seconds_left) == (pytest.approx(500.0, rel=1e-3), pytest.approx(10.0, rel=1e-3))
+    assert (resumed.photons_per_s, resumed.seconds_left) == (pytest.approx(100.0, rel=1e-3), pytest.approx(50.0, rel=1e-3))
+    assert math.isnan(progress(before=5000).seconds_left)
+
+
+# How long rounds are and how they are shared out.
+PLENTY = 10**9
+
+
+def next_plain(so_far, most, n_node, wanted_error, error, fixed_error, degree=None):
+    """Where all photons told as much as those of a first round."""
+    return next_photons(so_far, most, n_node, wanted_error, error, fixed_error, degree)[0]
+
+
+@pytest.mark.parametrize(("degree", "power"), [(None, 1.0), (0, 1 / 2), (1, 2 / 3), (2, 3 / 4)])
+@pytest.mark.parametrize("fixed", [0.0, 0.02, 0.04])
+def test_a_round_aims_at_the_error_asked_for(fixed, degree, power):
+    """With the photons that it asks for, noise that falls as it does on such trees would come out a little below."""
+    noise2 = 1.15 * (0.05**2 - fixed**2)
+    photons = next_plain(3_000_000, PLENTY, 10, 0.05, math.sqrt(noise2 + fixed**2), fixed, degree)
+    then2 = noise2 * (3_000_000 / (3_000_000 + photons)) ** power + fixed**2
+    assert (then2 - fixed**2) * SPARE == pytest.approx(0.05**2 - fixed**2, rel=1e-5)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_refined_leaves_balance_noise_and_what_they_cannot_hold(degree):
+    """Of leaves of side h squared noise is 1 / (N h^2), and what functions of that degree miss h^(2 degree + 2): the least sum of both."""
+    side = np.geomspace(1e-4, 1.0, 100_000)
+
+    def least(photons):
+        return (1.0 / (photons * side**2) + side ** (2 * degree + 2)).min()
+
+    assert grow_photons(least(1e4), least(1e6), degree) == pytest.approx(100.0, rel=1e-3)
+    assert grow_photons(4.0, 1.0, None) == 4.0
+    assert grow_photons(0.0, 1.0, degree) == 0.0
+
+
+@pytest.mark.parametrize("photons", [2, 3, 1001, FIRST_ROUND_PHOTONS, 3 * SHARD_PHOTONS, 1_234_567, ROUND_PHOTONS])
+def test_shards_are_of_all_photons_and_both_halves_alike(photons):
+    shares = share_photons(photons)
+    assert sum(shares) == photons
+    assert len(shares) % 2 == 0
+    assert sum(shares[::2]) - sum(shares[1::2]) == photons % 2
+    assert max(shares) <= SHARD_PHOTONS
+    many = photons > 4 * SHARD_PHOTONS
+    whole, last = (shares[:-4], shares[-4:]) if many else (shares, [])
+    assert len(whole) >= 2
+    assert all(abs(2 * small - large) <= 3 for small in last for large in whole)
+    assert max(whole) - min(whole) <= 1
+
+
+SAID = Status("charts", "Unwrapping")
+
+
+def test_a_word_a_second_says_the_share_that_is_done_and_at_what(clock):
+    told = []
+    speaker = ProgressReporter(told.append)
+    for second, share, about in ((0.9, 0.1, ""), (1.1, 0.25, ""), (2.0, 0.3, ""), (2.2, 0.5, "Floor"), (9.0, 0.996, "")):
+        clock[0] = 1000.0 + second
+        speaker.say(SAID, share, about)
+    assert told == [
+        Status("charts", "Unwrapping, 25%", 0.25),
+        Status("charts", "Unwrapping, 50%: Floor", 0.5),
+        Status("charts", "Unwrapping, 100%", 0.996),
+    ]
+
+
+def test_after_half_a_second_the_impatient_are_heard_whenever_anything_is_said(clock):
+    told, stop = [], []
+    speaker = ProgressReporter(told.append, lambda: bool(stop))
+    clock[0] += 1.1
+    speaker.say(SAID, 0.5)
+    stop.append(True)
+    clock[0] += 0.01
+    with pytest.raises(Interrupted):
+        speaker.say(SAID, 0.6)
+    assert len(told) == 1
+    speaker = ProgressReporter(pytest.fail, lambda: True)
+    clock[0] += 0.45
+    speaker.say(SAID, 0.5)
+    clock[0] += 0.1
+    with pytest.raises(Interrupted):
+        speaker.say(SAID, 0.5)
+
+
+def test_shares_of_a_part_of_a_stage_are_told_as_shares_of_the_stage():
+    told = []
+    say = stretch(lambda *word: told.append(word), SAID, 0.25, 0.75)
+    for share in (0.0, 0.5, 1.0):
+        say(share)
+    assert told == [(SAID, 0.25, ""), (SAID, 0.5, ""), (SAID, 0.75, "")]
+    stretch(unwatched, SAID)(0.5)

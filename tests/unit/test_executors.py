@@ -1,30 +1,24 @@
-"""Executors: results in order, errors handed on, and this process one of the workers."""
+"""Executors, processes and threads: results in order, errors handed on, and nobody left behind."""
 
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import BrokenExecutor
+from functools import partial
 
 import pytest
 from leaflight.addon.app import boot
 from leaflight.core.parallel import executors
+from leaflight.core.util.progress import Interrupted
 from leaflight.core.util.settings import Settings
-from processes import wait_until_ready
+from leaflight.core.util.threads import count_usable, run_on_threads
+from processes import is_alive, wait_for_end, wait_until_ready
 
 
-def fail(number):
-    raise ValueError(f"shard {number}")
-
-
-def test_inline_executor_hands_errors_on_with_the_result():
-    future = executors.InlineExecutor().submit(fail, 7)
-    assert isinstance(future.exception(), ValueError)
-    with pytest.raises(ValueError, match="shard 7"):
-        future.result()
-
-
+# Executors: results in order, errors handed on, and this process one of the workers.
 def test_local_executor_hands_errors_on():
     with executors.make_executor(2) as executor, pytest.raises(ZeroDivisionError):
         list(executor.map(divmod, [1, 1], [1, 0]))
@@ -185,18 +179,6 @@ def test_processes_started_ahead_are_copies_of_one_without_threads(tmp_path, bef
     assert "DeprecationWarning" not in said.stderr
 
 
-def test_time_in_calls_is_counted_in_every_process_by_function():
-    with executors.make_executor(2) as executor:
-        wait_until_ready(executor)
-        calls = [executor.submit(time.sleep, 0.05) for _ in range(4)]
-        assert executor.submit(abs, -3).result() == 3
-        for call in calls:
-            call.result()
-        busy = executor.busy.read()
-    assert 0.2 <= busy["sleep"] < 2.0
-    assert 0.0 <= busy["abs"] < 0.1
-
-
 def _work(seconds):
     """Uses so many CPU seconds."""
     begin = time.process_time()
@@ -214,3 +196,150 @@ def test_cpu_seconds_are_those_of_all_processes():
         used, own = executor.busy.read_cpu_s() - before, time.process_time() - own
     assert 0.4 <= used < 0.65
     assert used - own > 0.08
+
+
+# What a process does that is given calls: how it begins and ends, as a copy too, and how it hands over what they give.
+# A main process of one thread, with a copy of it, which is asked for some lines of Python. Numpy would start threads of its own.
+PROGRAM = """
+import atexit, os, pathlib, runpy, signal, sys, threading, time
+runpy.run_path(sys.argv[1], run_name="boot")
+from leaflight.core.parallel import executors
+signal.signal(signal.SIGTERM, lambda *_: None)
+atexit.register(lambda: print("main" if os.getpid() == main else "copy", flush=True))
+main = os.getpid()
+executor = executors.make_executor(int(sys.argv[2]), copied=True)
+executor.wake()
+while executor._ready < executor._others:
+    time.sleep(0.01)
+"""
+needs_copies = pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux alone")
+
+
+def test_large_results_come_by_files_that_are_taken_away(tmp_path):
+    kept = executors.keep_result(partial(range, 10), str(tmp_path))
+    assert isinstance(kept, bytes)
+    assert executors.fetch_result(kept) == range(10)
+    much = executors.keep_result(partial(bytes, 1 << 20), str(tmp_path))
+    assert isinstance(much, str)
+    assert executors.fetch_result(much) == bytes(1 << 20)
+    assert not list(tmp_path.iterdir())
+    full = executors.keep_result(partial(bytes, 1 << 20), str(tmp_path / "nowhere"))  # as where there is no room
+    assert executors.fetch_result(full) == bytes(1 << 20)
+
+
+def run_main(lines: str, count: int = 2) -> subprocess.Popen[str]:
+    """A main process that has its copies and goes on with these lines."""
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM + lines, boot.__file__, str(count)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        text=True,
+    )
+
+
+@needs_copies
+def test_a_copy_has_what_was_loaded_and_leaves_what_is_the_main_process_s_alone():
+    """As what is to be taken away at the end, which the copy knows of too."""
+    with run_main("print(executor._pool.submit(eval, '__import__(\"__main__\").main').result() == main)\nexecutor.shutdown()\n") as main:
+        said = main.communicate(timeout=60)[0]
+    assert said.split() == ["True", "main"]
+
+
+@needs_copies
+def test_a_copy_ends_when_it_is_told_to_and_not_by_what_is_meant_for_the_main_process():
+    # The pool waits for its processes in a thread: two that wait for one process take its exit code from each other.
+    lines = """
+((copy, process),) = executor._pool._processes.items()
+os.kill(copy, signal.SIGINT)
+print(executor._pool.submit(os.getpid).result() == copy)
+waiting = executor._pool._executor_manager_thread
+os.kill(copy, signal.SIGTERM)
+waiting.join(30)
+print(process.exitcode)
+os._exit(0)
+"""
+    with run_main(lines) as main:
+        assert main.communicate(timeout=60)[0].split() == ["True", str(-signal.SIGTERM)]
+
+
+@needs_copies
+def test_copies_end_with_a_main_process_that_is_killed():
+    with run_main("print(*executor._pool._processes, flush=True)\nsys.stdin.read()\n", count=4) as main:
+        copies = [int(pid) for pid in main.stdout.readline().split()]
+        assert len(copies) == 3
+        assert all(map(is_alive, copies))
+        main.kill()
+        left = wait_for_end(copies)
+        for pid in left:
+            os.kill(pid, signal.SIGKILL)
+    assert left == []
+
+
+# Parts of texel entries for threads: all of them once, in order, and the same whoever works.
+def test_what_is_found_comes_in_order_from_threads_side_by_side():
+    """Each waits for the other, which one thread alone would do for ever."""
+    both = threading.Barrier(2)
+
+    def work(part):
+        both.wait(timeout=30)
+        return part.start
+
+    assert run_on_threads(work, 2 << 16, 2) == [0, 1 << 16]
+
+
+def test_an_error_in_a_thread_is_raised():
+    def work(part):
+        raise ValueError(f"part {part.start}")
+
+    with pytest.raises(ValueError, match="part 0"):
+        run_on_threads(work, 10, 2)
+
+
+def test_share_of_the_parts_that_are_done_is_told():
+    told = []
+    run_on_threads(lambda part: part, 4 << 16, 2, told.append)
+    assert told == [0.25, 0.5, 0.75, 1.0]
+    assert run_on_threads(lambda part: part.stop, 4 << 16, 2, within=slice(10, 1 << 17)) == [(1 << 16) - 10, (1 << 17) - 10]
+
+
+def test_whoever_wants_no_more_has_no_further_part_begun():
+    """The one thread has a part in hand when it is told, and six are left."""
+    begun, go_on = [], threading.Event()
+
+    def work(part):
+        begun.append(part.start)
+        if len(begun) > 1:
+            go_on.wait(30)
+
+    def stop(share):
+        threading.Timer(0.2, go_on.set).start()
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        run_on_threads(work, 8 << 16, 1, stop)
+    assert len(begun) <= 2
+
+
+@pytest.mark.parametrize("usable", [{0}, {2, 3, 5}])
+def test_processors_that_a_batch_system_gives_to_others_are_not_counted(monkeypatch, usable):
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: usable, raising=False)
+    assert count_usable() == len(usable)
+
+
+def test_all_processors_are_usable_where_the_system_does_not_tell(monkeypatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    for told, count in ((64, 64), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda told=told: told)
+        assert count_usable() == count
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells")
+def test_a_process_is_alone_until_it_has_a_thread_that_works():
+    lines = (
+        "from leaflight.core.util.threads import is_alone; import threading; e = threading.Event(); t = threading.Thread(target=e.wait); "
+        "found = [is_alone()]; t.start(); found.append(is_alone()); e.set(); t.join(); print(found)"
+    )
+    said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True)
+    assert said.stdout.split() == ["[True,", "False]"]

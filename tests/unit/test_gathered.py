@@ -53,26 +53,6 @@ def test_gathered_light_has_the_bounces_that_are_allowed(tmp_path, depth):
     assert means[0] == pytest.approx(means[1], rel=0.03)
 
 
-def test_more_photons_are_gathered_anew_and_the_earlier_light_stays_until_then(tmp_path):
-    solver = make_solver(tmp_path, SCENE, replace(SETTINGS, size=32, error=0.05))
-    solver.run(lambda message: None, lambda: False)
-    before, photons = solver.gathered, solver.ledger.photons
-    solver._trace_round(None)
-    assert solver.gathered is before
-    light = solver.run(lambda message: None, lambda: False)
-    assert light.gathered is not before
-    assert light.photons > photons
-
-
-def test_passes_that_are_asked_for_together_are_all_made(tmp_path):
-    solver = make_solver(tmp_path, SCENE, replace(SETTINGS, size=32))
-    solver.run(lambda message: None, lambda: False)
-    before, some = solver.gathered.passes.copy(), np.arange(0, len(solver.tracing.texels), 3)
-    known = solver._find_known(solver.reading)
-    assert solver.gathered.gather(solver.folder, solver.settings, solver.executor, some, known, repeats=3)
-    assert (solver.gathered.passes - before)[some].tolist() == [3] * len(some)
-
-
 def test_two_workers_give_the_bytes_of_one(gathered, tmp_path):
     light, _ = gathered
     with executors.make_executor(2) as executor:

@@ -1,11 +1,17 @@
-"""Image files written and read back, and what is left behind when writing fails."""
+"""Image files written and read back, their names and rows in the report, and what is left behind when writing fails."""
 
+import json
+import shutil
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from boxes import bake_folder, lamp_scene, list_files
+from leaflight.core.output import pages
 from leaflight.core.output.image_file import (
     HALF_MAX,
     KINDS,
@@ -19,10 +25,15 @@ from leaflight.core.output.image_file import (
     write_image,
 )
 from leaflight.core.util import encodings
+from leaflight.core.util.job import RESULT_FILE, VIEWS_FOLDER, Job
+from leaflight.core.util.messages import Done, Status, Warning_
+from leaflight.core.util.settings import IMAGE_FORMATS, Settings
+from scenes import make_scene, moved, quad_mesh
 
 pytestmark = pytest.mark.usefixtures("open_image_io")
 
 
+# Image files written and read back, and what is left behind when writing fails.
 def ramp(channels: int = 4) -> np.ndarray:
     """3 rows and 5 columns, every value different, row 0 dark."""
     return (np.arange(3 * 5 * channels).reshape(3, 5, channels) / 64).astype(np.float32)
@@ -231,3 +242,181 @@ def test_a_missing_library_is_told_when_there_is_an_image(tmp_path: Path, monkey
     load_ahead()
     with pytest.raises(ValueError, match=r"^OpenImageIO: cannot be imported"):
         write_image(tmp_path / "a.exr", ramp(), {}, "exr")
+
+
+# Room for images before a bake, and where they go when the output folder fails at its end.
+QUICK = Settings(size=32, padding=1, workers=1, error=0.3, max_photons=20_000)
+
+
+@pytest.fixture
+def spare_home(tmp_path, monkeypatch):
+    """A home folder of the test's own."""
+    monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
+    (tmp_path / "home").mkdir()
+    return tmp_path / "home"
+
+
+def test_what_cannot_be_written_at_the_end_is_kept_elsewhere(tmp_path, spare_home):
+    """Minutes of work are not thrown away because a disk is full or a stick was pulled out."""
+    images = tmp_path / "images"
+
+    def tell(message):
+        if message == Status("write", "Writing images"):
+            shutil.rmtree(images)
+            images.write_text("in the way")
+
+    settings = replace(QUICK, passes=("combined", "albedo"))
+    messages, result = bake_folder(tmp_path / "temporary" / "job", lamp_scene(), settings, tell=tell, output=str(images))
+    spare = Path(result["spare"])
+    assert spare.parent == tmp_path / "temporary"
+    assert list_files(spare) == ["room_0.albedo.exr", "room_0.combined.exr"]
+    assert {str(Path(file["path"]).parent) for file in result["files"]} == {str(spare)}
+    assert read_image(Path(result["files"][0]["path"]))[0].max() > 0.01
+    (told,) = [message.text for message in messages if isinstance(message, Warning_) and str(spare) in message.text]
+    assert told.startswith(str(tmp_path / "images"))
+    assert isinstance(messages[-1], Done)
+
+
+def test_half_a_bake_is_not_left_behind(tmp_path, spare_home):
+    blocked = tmp_path / "job" / "images" / "room_0.emission.exr"
+    blocked.mkdir(parents=True)  # a folder where the second image should go
+    settings = replace(QUICK, passes=("combined", "emission", "albedo"))
+    _, result = bake_folder(tmp_path / "job", lamp_scene(), settings)
+    assert list_files(tmp_path / "job" / "images") == [blocked.name]
+    assert len(list_files(Path(result["spare"]))) == 3
+
+
+def test_where_nothing_can_be_written_anywhere_the_first_reason_is_told(tmp_path, spare_home, monkeypatch):
+    def fail(path, *_, **__):
+        raise OSError(f"{path}: cannot be written (planted)")
+
+    monkeypatch.setattr("leaflight.core.output.image_file.write_image", fail)
+    with pytest.raises(OSError, match=r"job/images/room_0\.combined\.exr: cannot be written \(planted\)"):
+        bake_folder(tmp_path / "job", lamp_scene(), QUICK)
+    assert not (tmp_path / "job" / RESULT_FILE).exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "job"]
+    assert list_files(spare_home) == []
+
+
+@pytest.mark.parametrize(("part", "refused"), [(0.05, True), (0.5, False), (2.0, None)])
+def test_too_little_room_is_told_before_the_light_is_computed(tmp_path, monkeypatch, part, refused):
+    wanted = 32 * 32 * (8 + 4) * 2
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=int(part * wanted)))
+    settings = replace(QUICK, passes=("combined", "albedo"), formats=("exr", "png"))
+    if refused:
+        with pytest.raises(OSError, match=r"images: has room for 1 kB, and the images may take 25 kB; make room, choose another output"):
+            bake_folder(tmp_path, lamp_scene(), settings)
+        return
+    messages, _ = bake_folder(tmp_path, lamp_scene(), settings)
+    told = [number for number, message in enumerate(messages) if isinstance(message, Warning_) and "has room for" in message.text]
+    lit = next(number for number, message in enumerate(messages) if isinstance(message, Status) and message.stage == "photons")
+    assert len(told) == (refused is False)
+    assert all(number < lit for number in told)
+
+
+# Pages to files: names, what the report says of each file, and what is left when one fails.
+PAGE = np.zeros((4, 4, 4), np.float32)
+PAGE[1:3, 1:3] = (0.5, 3.0, 0.25, 1.0)
+PAGE[0, 1:3, :3] = (0.5, 3.0, 0.25)  # a margin
+
+
+def draw(name, page, look):
+    if look:
+        return np.full((4, 4, 4), 0.5, np.float32)
+    return PAGE * np.float32(1 + page) if name != "photons" else PAGE * np.float32(1e5)
+
+
+def write(folder, settings, names=("Floor", "Wall"), draw=draw, taken=()):
+    """Files of objects with a page each."""
+    (folder / "out").mkdir(parents=True, exist_ok=True)
+    scene = make_scene([moved(quad_mesh(), (0, 0, 2.0 * i), name=name) for i, name in enumerate(names)])
+    atlas = SimpleNamespace(page_count=len(names), object_page=np.arange(len(names)))
+    job = Job(settings, str(folder / "out"), "room", taken=taken)
+    return pages.write_pages(job, folder, scene, atlas, {"leaflight:photons": 5}, draw)
+
+
+def list_names(files):
+    return [Path(file.path).name for file in files]
+
+
+PER_OBJECT = Settings(atlas=False)
+
+
+def test_every_pass_in_every_kind_is_a_row_with_encoding_and_range(tmp_path):
+    files = write(tmp_path, replace(PER_OBJECT, formats=IMAGE_FORMATS), ["Floor"])
+    assert list_names(files) == [f"Floor.combined.{end}" for end in ("exr", "hdr", "png", "rgbm.png", "rgbd.png", "logluv.png")]
+    assert [(file.encoding, file.range) for file in files] == [
+        ("linear, half float", HALF_MAX),
+        ("linear, shared exponent", HALF_MAX),
+        ("sRGB", 1.0),
+        ("rgbm", 3.0),
+        ("rgbd", 3.0),
+        ("logluv", encodings.LOGLUV_MAX),
+    ]
+    assert {file.maximum for file in files} == {3.0}
+    json.dumps([asdict(file) for file in files], allow_nan=False)
+
+
+def test_a_range_that_is_wanted_is_taken_and_clips(tmp_path):
+    files = write(tmp_path, replace(PER_OBJECT, formats=("rgbm",), value_range=2.0))
+    assert [(file.range, file.maximum) for file in files] == [(2.0, 3.0), (2.0, 6.0)]
+    assert read_image(Path(files[1].path))[0].max() == pytest.approx(2.0)
+
+
+def test_the_maximum_of_a_dim_page_is_of_its_light(tmp_path):
+    dim = PAGE.copy()
+    dim[..., :3] *= np.float32(0.1)
+    (file,) = write(tmp_path, PER_OBJECT, ["Floor"], lambda name, page, look: dim)
+    assert file.maximum == dim[..., :3].max() < dim[..., 3].max()
+
+
+def test_debug_passes_are_numbers_in_files_of_numbers_and_pictures_in_png(tmp_path):
+    files = write(tmp_path, replace(PER_OBJECT, passes=("photons",), formats=("exr", "png"), view_transform="scene"), ["Floor"])
+    exr, png = (read_image(Path(file.path))[0] for file in files)
+    assert exr.max() == 300_000
+    np.testing.assert_allclose(png[..., :3], 0.5, atol=0.004)
+    assert [file.encoding for file in files] == ["linear, float", "a picture, sRGB"]
+    assert {file.maximum for file in files} == {300_000}
+
+
+def test_the_scenes_view_is_left_to_blender(tmp_path):
+    (file,) = write(tmp_path, replace(PER_OBJECT, formats=("png",), view_transform="scene"), ["Floor"])
+    assert not Path(file.path).exists()
+    assert file.linear == str(tmp_path / VIEWS_FOLDER / "Floor.combined.exr")
+    np.testing.assert_array_equal(read_image(Path(file.linear))[0], PAGE)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names", "expected"),
+    [
+        ("{name}.{pass}", ("Floor", "Wall"), ["Floor.albedo.exr", "Wall.albedo.exr"]),
+        ("{pass}_{page}", ("Floor", "Wall"), ["albedo_0.exr", "albedo_1.exr"]),
+        ("{name}", ("Floor", "floor"), ["Floor.exr", "floor_.exr"]),
+        ("{name}{page}", ("a1", "a"), ["a10.exr", "a1.exr"]),
+    ],
+)
+def test_names_follow_the_pattern(tmp_path, pattern, names, expected):
+    assert list_names(write(tmp_path, replace(PER_OBJECT, passes=("albedo",), name_pattern=pattern), names)) == expected
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(expected)
+
+
+def test_names_that_only_the_pattern_makes_equal_stay_apart(tmp_path):
+    """Page 1 of "0_" and page 10 of "_" are both 10_."""
+    files = write(tmp_path, replace(PER_OBJECT, name_pattern="{page}{name}"), ["x", "0_", *"abcdefgh", "_"])
+    assert [list_names(files)[page] for page in (1, 10)] == ["10_.exr", "10__.exr"]
+
+
+@pytest.mark.parametrize(
+    ("taken", "settings", "expected"),
+    [
+        (["room_0.combined.exr"], Settings(), ["room_1.combined.exr", "room_2.combined.exr"]),
+        (["room_1.combined.exr"], Settings(), ["room_2.combined.exr", "room_3.combined.exr"]),
+        (["room_2.lighting.exr"], Settings(), ["room_0.combined.exr", "room_1.combined.exr"]),
+        (["room_0.lighting.exr"], Settings(), ["room_1.combined.exr", "room_2.combined.exr"]),  # page 0 of another pass
+        (["combined-0.exr"], Settings(name_pattern="{pass}-{page}"), ["combined-1.exr", "combined-2.exr"]),
+        (["floor.combined.exr"], PER_OBJECT, ["Floor.combined_.exr", "Wall.combined.exr"]),
+    ],
+)
+def test_images_that_are_taken_are_not_written_over(tmp_path, taken, settings, expected):
+    assert list_names(write(tmp_path, settings, taken=tuple(taken))) == expected

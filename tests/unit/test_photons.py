@@ -1,16 +1,25 @@
+"""Photons: how they leave lights, scatter and are counted, and shards of them."""
+
 import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from boxes import make_solver
 from floors import chi_square_sigmas, sigma_limit
+from leaflight.core.bake.photon_shards import PhotonShard, trace_photons
 from leaflight.core.lights.lights import EmittedPhotons
+from leaflight.core.parallel import shared_arrays
+from leaflight.core.radiosity.quadtree import TreeView
 from leaflight.core.scene.materials import SurfaceMaterials
-from leaflight.core.scene.scene import Material, SceneObject, SceneSnapshot, TextureImage
-from leaflight.core.transport import photon_log, photons
+from leaflight.core.scene.rays import RayScene
+from leaflight.core.scene.scene import Light, Material, SceneObject, SceneSnapshot, TextureImage
+from leaflight.core.transport import photon_log, photons, traced_scene
+from leaflight.core.transport.emission import Photons, light_every_surface, soften
 from leaflight.core.util import geometry, sampling
-from scenes import Mesh, box_mesh, make_scene
+from leaflight.core.util.settings import Settings
+from scenes import Mesh, box_mesh, make_scene, moved, quad_mesh
 
 N = 40_000
 GREY = Material("Grey", (0.5, 0.5, 0.5))
@@ -235,3 +244,76 @@ def test_broken_input_gives_finite_records():
     for array in (hits.u, hits.v, hits.flux_rgb):
         assert np.isfinite(array).all()
     _assert_closes(hits.audit)
+
+
+# Photons as they leave the lights.
+def sheets(*heights):
+    """Rays, normals and frames of sheets across the way down; every other one faces down."""
+    corner = np.float32([[[-0.5, -0.5, z], [0.5, -0.5, z], [0.0, 0.5, z]] for z in heights])
+    corner[1::2] = corner[1::2, ::-1]
+    edge = corner[:, 1:] - corner[:, :1]
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    frame = np.stack([corner[:, 0], edge[:, 0], edge[:, 1]]).transpose(0, 2, 1)
+    return RayScene(corner), (normal / np.linalg.norm(normal, axis=1, keepdims=True)).T, frame
+
+
+def way_down(n, soft=None):
+    origin, direction = np.tile(np.float32([[0], [0], [0.4]]), n), np.tile(np.float32([[0], [0], [-1]]), n)
+    return Photons(origin, direction, np.ones((3, n), np.float32), soft)
+
+
+def test_one_photon_more_for_each_further_surface():
+    photons = replace(way_down(3), link=np.int16([5, 6, 7]))
+    heights = (0.3, 0.1, -0.2)
+    traced = light_every_surface(photons, np.array([True, False, True]), *sheets(*heights))
+    assert photons.flux.shape[1] == 3 + 2 * 2
+    assert photons.link.tolist() == [5, 6, 7, 5, 7, 5, 7]
+    assert traced == 2 * 4
+    found = sheets(*heights)[0].closest(photons.origin.T, photons.direction.T)
+    assert found.tri.tolist() == [0, 0, 0, 1, 1, 2, 2]
+
+
+def test_soft_falloff_counts_the_whole_way():
+    soft = np.float32([[0.2] * 2, [0.15] * 2, [0.0] * 2, [0.0] * 2])
+    photons = way_down(2, soft)
+    rays, normal, frame = sheets(0.3, -0.2)
+    light_every_surface(photons, np.ones(2, bool), rays, normal, frame)
+    flux = soften(photons, rays.closest(photons.origin.T, photons.direction.T).distance)
+    np.testing.assert_array_equal(flux[0], [0, 0, 1, 1])  # seen from 0.1 away they come from beside the disk, from 0.6 they do not
+
+
+def test_the_way_ends_after_a_thousand_surfaces():
+    photons = way_down(1)
+    light_every_surface(photons, np.ones(1, bool), *sheets(*np.linspace(0.3, -0.3, 1500)))
+    assert photons.flux.shape[1] == 1000
+
+
+# Shards of photons: pure functions, whoever runs them, and sums of what they bring.
+SETTINGS = Settings(size=32, padding=1)
+
+
+def make_shard(folder, scene):
+    """A shard of 5000 photons, and its tree."""
+    solver = make_solver(folder, scene, replace(SETTINGS, direct="photons"))
+    tree, view = solver.tree, folder / "view"
+    shared_arrays.save_struct(view, TreeView.of_tree(tree, len(solver.tracing.texels)))
+    return PhotonShard(str(folder), str(view), 1, 0, 0, photons=5000, max_depth=100, degree=1, skip_first=False), tree
+
+
+def test_light_on_a_face_without_texels_is_no_other_texel_s(tmp_path):
+    """Half of a sheet is folded to a line in its layer; what has the last texels lies in the dark."""
+    vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
+    square, line = np.array([[0, 0], [0.9, 0], [0.9, 0.9], [0, 0.9]]), np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]])
+    sheet = Mesh("Sheet", vertex, [[0, 1, 2, 3], [1, 4, 5, 2]], [square, line])
+    ceiling = replace(moved(quad_mesh("Ceiling", 2.0, 1.0), (0, 0, 1.0)), polygons=[[3, 2, 1, 0]], receives=False)
+    screen = replace(moved(quad_mesh("Screen", 9.0, 9.0), (-4.0, -4.0, -1.0)), receives=False)
+    scene = make_scene(
+        [sheet, ceiling, screen, moved(quad_mesh("Dark"), (0, 0, -2.0))],
+        [Light("POINT", "Lamp", (1.0, 0.5, 0.5), power_rgb=(1.0,) * 3)],
+        [Material("White", (0.9,) * 3)],
+    )
+    shard, tree = make_shard(tmp_path, scene)
+    result = trace_photons(shard)
+    texels = traced_scene.open_tracing(str(tmp_path)).texels
+    assert set(scene.tri_object[texels.texel_tri[tree.start[result.tally.node]]]) == {0}
+    assert 100 < result.tally.count.sum() < 0.8 * result.counters.deposits  # the others fell on the folded half

@@ -1,21 +1,28 @@
 """Rounds of photons: what stops them, that light is neither lost nor made, and that workers change nothing."""
 
+import json
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from boxes import lamp_scene, make_solver, room_mesh, solution_bytes, solve_scene
-from leaflight.core.bake import photon_shards
+from leaflight.core.bake import bake, photon_shards
+from leaflight.core.bake.first_photons import FirstPhotons
+from leaflight.core.bake.lost_light import state_lost
+from leaflight.core.bake.photon_shards import PhotonShard
 from leaflight.core.integrate import direct_shards
 from leaflight.core.parallel import executors
 from leaflight.core.radiosity import tally
 from leaflight.core.scene.scene import Light, Material
+from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.transport.rounds import EARLY_GROWTH, FIRST_ROUND_PHOTONS
+from leaflight.core.util.job import RESULT_FILE, SNAPSHOT_FILE, Job
 from leaflight.core.util.messages import Progress
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, moved
 
+# Rounds of photons: what stops them, that light is neither lost nor made, and that workers change nothing.
 SETTINGS = Settings(size=32, padding=1, max_photons=600_000, error=1e-4, direct="photons")
 QUICK = replace(SETTINGS, max_photons=20_000)
 
@@ -175,3 +182,126 @@ def test_a_dim_room_is_told_to_err_more_than_the_whole_and_comes_to_the_error_wh
     assert each.stopped_by == "error"
     assert max(each.object_error.values()) == pytest.approx(each.error, rel=0.01)
     assert each.error <= settings.error
+
+
+# Shards that are traced while a round is looked at: none is lost or read twice, and none is waited for in vain.
+LATE = Settings(size=32, padding=1, max_photons=5_000_000, error=1e-4, direct="photons")  # so many that a round ends with late shards
+
+
+class Counter(executors.InlineExecutor):
+    def __init__(self):
+        super().__init__()
+        self.photons = 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.photons += getattr(args[0], "photons", 0)
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_every_photon_of_a_bake_is_read_once(tmp_path):
+    counter = Counter()
+    solver = make_solver(tmp_path, lamp_scene(), LATE, counter)
+    late = []
+    solver.watch = lambda light: late.append(solver.rounds.count_late())
+    light = solver.run(lambda message: None, lambda: False)
+    assert max(late) > 0
+    assert light.photons == counter.photons == LATE.max_photons
+    assert solver.tally.photons.sum() == pytest.approx(light.photons, rel=1e-12)
+    assert not list(tmp_path.glob("view_*"))
+
+
+def test_photons_under_way_when_a_bake_stops_are_told_by_nothing(tmp_path):
+    counter = Counter()
+    solver = make_solver(tmp_path, lamp_scene(), replace(LATE, max_photons=20_000_000), counter)
+    late = []
+    solver.watch = lambda light: late.append(solver.rounds.count_late())
+    light = solver.run(lambda message: None, lambda: any(late))
+    assert light.stopped_by == "interrupted"
+    assert light.photons < counter.photons
+    assert light.photons == pytest.approx(solver.tally.photons.sum(), rel=1e-12)
+    assert not list(tmp_path.glob("view_*"))
+
+
+# Photons that are traced before there are texels are those that the first round would trace itself.
+FEW = Settings(size=32, padding=1, error=0.5, max_photons=20_000)
+
+
+@pytest.fixture
+def awake():
+    """Two processes, of which one is there from the start."""
+    with executors.LocalExecutor(2) as executor:
+        executor.wake()
+        yield executor
+
+
+def shard_of(round_, number, photons, **others):
+    return PhotonShard(
+        tracing="", view="", seed=0, round=round_, shard=number, photons=photons, max_depth=9, degree=1, skip_first=True, **others
+    )
+
+
+def test_what_goes_wrong_there_is_told_where_they_are_taken(tmp_path, awake):
+    (tmp_path / SNAPSHOT_FILE).write_bytes(b"no snapshot")
+    first = FirstPhotons.send(tmp_path, FEW, awake)
+    with pytest.raises(ValueError, match=r"snapshot\.npz"):
+        first.take(shard_of(0, 0, 10_000))
+
+
+@pytest.mark.usefixtures("open_image_io")
+def test_a_bake_is_the_same_with_them(tmp_path, monkeypatch):
+    """Of processes that wait for their job, and of one that does all by itself."""
+    traced, files = [], []
+    take = FirstPhotons.take
+    monkeypatch.setattr(FirstPhotons, "take", lambda first, shard: traced.append(take(first, shard)) or traced[-1])
+    ahead = executors.Ahead()
+    ahead.wake()  # pytest has threads, so that they are no copies
+    for name, opener in (("ahead", ahead.open), ("alone", executors.open_executor)):
+        folder = tmp_path / name
+        folder.mkdir()
+        save_snapshot(folder / SNAPSHOT_FILE, lamp_scene())
+        workers_asked = 0 if name == "ahead" else 1
+        Job(Settings(size=32, padding=1, error=0.5, max_photons=20_000, workers=workers_asked), str(folder / "out"), "box").save(folder)
+        bake.run_bake(folder, lambda message: None, lambda: False, opener)
+        result = json.loads((folder / RESULT_FILE).read_text(encoding="utf-8"))
+        files.append((np.fromfile(result["files"][0]["path"], np.uint8).tobytes(), result["photons"]))
+    assert any(shard.hits for shard in traced) == (executors.count_processors(0) > 1)
+    assert files[0] == files[1]
+
+
+# Light that photons had not lost yet when they had met as many surfaces as they may.
+LAMP = Light("POINT", "Lamp", (0.2, 0.1, 0.0), power_rgb=(10.0, 10.0, 10.0), radius_m=0.02)
+
+
+def bake_lossy(folder, albedo, max_depth):
+    settings = Settings(size=32, padding=1, max_photons=4000, max_depth=max_depth, direct="photons")
+    scene = make_scene([room_mesh()], [LAMP], [Material("Paint", (albedo,) * 3)])
+    light = make_solver(folder, scene, settings).run(lambda message: None, lambda: False)
+    return light, *state_lost(light, settings)
+
+
+def test_what_is_under_way_still_is_stated_and_told(tmp_path):
+    light, stated, warnings = bake_lossy(tmp_path, 0.99, 200)
+    lost = 0.99**200  # of what has met as many surfaces
+    assert light.ledger.find_lost() == pytest.approx(lost, rel=0.1)
+    assert stated.error == math.hypot(light.error, light.ledger.find_lost())
+    assert [subject for subject, _ in warnings] == [""]
+    assert warnings[0][1].startswith(f"{light.ledger.find_lost():.0%} of the light was still under way after 200 surfaces")
+
+
+def test_rooms_that_keep_little_of_it_lose_nothing(tmp_path):
+    light, stated, warnings = bake_lossy(tmp_path, 0.8, 200)
+    assert (stated, warnings) == (light, [])
+
+
+def test_who_asks_for_few_surfaces_wants_no_more(tmp_path):
+    light, stated, warnings = bake_lossy(tmp_path, 0.8, 3)
+    assert light.ledger.find_lost() > 0.3
+    assert (stated, warnings) == (light, [])
+
+
+def test_a_little_of_it_is_stated_without_a_word(tmp_path):
+    light, stated, warnings = bake_lossy(tmp_path, 0.96, 150)
+    assert 0.0 < light.ledger.find_lost() < 0.01
+    assert stated.error > light.error
+    assert not warnings
+    assert all(getattr(stated, field.name) is getattr(light, field.name) for field in fields(light) if field.name != "error")

@@ -1,18 +1,23 @@
 """Texel areas, moments and lookups against supersampling, totals and hand-made charts."""
 
 import dataclasses
+from math import factorial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from leaflight.core.texels.margin import add_margin
+from leaflight.core.texels.split_texels import OPPOSITE, WAYS, TexelBorders, whole_texel
 from leaflight.core.texels.texel_footprint import centred_strata
 from leaflight.core.texels.texel_grid import interleave_bits
+from leaflight.core.texels.texel_moments import EvenSquares
 from leaflight.core.texels.texels import TexelMap
-from leaflight.core.util.coverage import monomial_exponents
-from trees import make_map
+from leaflight.core.util.coverage import Pieces, chunk_ranges, clip_to_texels, expand_ranges, monomial_exponents, piece_moments
+from trees import make_map, make_square_map
 
 
+# Texel areas, moments and lookups against supersampling, totals and hand-made charts.
 def world_areas(position: np.ndarray) -> np.ndarray:
     return 0.5 * np.linalg.norm(np.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0]), axis=1)
 
@@ -275,3 +280,231 @@ def test_each_place_of_each_page_has_the_entry_that_is_shown_there():
     assert not shown.all()
     assert texels.entry_at.shape == (3, 8, 8)
     assert (texels.entry_at >= 0).sum() == shown.sum()
+
+
+# Squares of even texels have the moments of their texels.
+SIDE = 64
+
+
+def squares_of(texels, area=None):
+    return EvenSquares.of(
+        texels.texel_chart, texels.texel_code, texels.texel_xy, texels.texel_area if area is None else area, texels.part_entry
+    )
+
+
+@pytest.mark.parametrize("degree", [0, 2, 4])
+def test_squares_have_the_moments_of_their_texels(degree):
+    """In ranges that end with squares and in such that end within; the square's diagonal cuts some, and so does its right end."""
+    texels = make_square_map(SIDE, 2, width=0.7)
+    n, squares = len(texels.texel_area), squares_of(texels)
+    whole = squares.first[squares.side == 16]
+    assert len(whole) > 2
+    start, end = np.array([0, whole[0], whole[1] + 5, 100, whole[2], 5]), np.array([n, whole[1], n, whole[2] + 9, whole[2] + 256, 5])
+    centre, half = np.random.default_rng(1).uniform(0, SIDE, (6, 2)), np.array([32.0, 8.0, 16.0, 8.0, 4.0, 8.0])
+    by_itself = EvenSquares(texels.texel_xy, texels.texel_area, np.arange(n), np.ones(n, np.int32))
+    expected = by_itself.range_moments(start, end, centre, half, degree)
+    found = squares.range_moments(start, end, centre, half, degree)
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13 * np.abs(expected).max())
+
+
+# Clipping and moments against polygons whose answer is known.
+RANGES = st.lists(st.tuples(st.integers(0, 50), st.integers(-3, 20)), max_size=12)
+
+
+@pytest.mark.parametrize("degree", [0, 2, 4])
+def test_rules_are_exact_on_the_unit_triangle(degree: int) -> None:
+    """The integral of x^i y^j over (0,0) (1,0) (0,1) is i! j! / (i + j + 2)!."""
+    unit = Pieces(np.zeros(1, np.int64), np.array([[0.0], [1.0], [0.0]]), np.array([[0.0], [0.0], [1.0]]), np.array([0.5]))
+    expected = [factorial(i) * factorial(j) / factorial(i + j + 2) for i, j in monomial_exponents(degree)]
+    np.testing.assert_allclose(piece_moments(unit, degree)[:, 0], expected, rtol=1e-14)
+
+
+@given(RANGES, st.integers(1, 9))
+def test_ranges_are_cut_without_loss(ranges: list[tuple[int, int]], size: int) -> None:
+    start = np.array([low for low, _ in ranges], dtype=np.int64)
+    end = start + np.array([length for _, length in ranges], dtype=np.int64)
+    expected = [(row, value) for row in range(len(start)) for value in range(start[row], end[row])]
+    owner, value = expand_ranges(start, end)
+    assert list(zip(owner.tolist(), value.tolist(), strict=True)) == expected
+    found = []
+    for rows, first, last in chunk_ranges(start, end, size):
+        assert (last > first).all()
+        assert (last - first).sum() <= size
+        part, value = expand_ranges(first, last)
+        found += zip(rows[part].tolist(), value.tolist(), strict=True)
+    assert found == expected
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_corner_cut_off_a_texel(mirrored: bool) -> None:
+    """x + y < 3 in texel (1, 1): the triangle (1,1) (2,1) (1,2), whose moments about the centre are those of half a square."""
+    uv = np.array([[[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]])
+    pieces = clip_to_texels(uv[:, ::-1] if mirrored else uv, np.array([[1, 1]]))
+    moments = piece_moments(pieces, 2).sum(axis=1)
+    # About the corner (1/2, 1/6, 1/6, 1/12, 1/24, 1/12), moved to the centre.
+    np.testing.assert_allclose(moments, [1 / 2, -1 / 12, -1 / 12, 1 / 24, 0, 1 / 24], atol=1e-15)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_squares_smaller_than_a_texel(mirrored: bool) -> None:
+    """x < 1.4 in the middle half of texel (1, 1), and all of the middle tenth of texel (0, 0); pieces are in texels all the same."""
+    uv = np.tile([[1.4, -20.0], [1.4, 20.0], [-30.0, 0.0]], (2, 1, 1))
+    pieces = clip_to_texels(uv[:, ::-1] if mirrored else uv, np.array([[1, 1], [0, 0]]), np.array([0.5, 0.1]))
+    np.testing.assert_allclose(np.bincount(pieces.pair, pieces.area), [0.15 * 0.5, 0.01], rtol=1e-12)
+    first = pieces.x[:, pieces.pair == 0]
+    np.testing.assert_allclose([first.min(), first.max()], [-0.25, -0.1], rtol=1e-12)
+
+
+# What lies beyond a wall's foot within a texel is the next texel's: hits, area and moments agree on it.
+COLUMNS = 3  # of a block of whole texels, entries by rows
+
+
+def borders_of(*walls, n_texel=COLUMNS**2):
+    """Each wall: entry, way, how far the entry goes, and the one beyond towards it."""
+    rows = []
+    for entry, way, reach, back in walls:
+        x, y = WAYS[way]
+        beyond = entry + x + y * COLUMNS
+        rows += [(way, entry, beyond, reach), (OPPOSITE[way], beyond, entry, back)]
+    way, entry, beyond, reach = zip(*rows, strict=True)
+    return TexelBorders.of(n_texel, np.array(way), np.array(entry), np.array(beyond), np.array(reach))
+
+
+def count(borders, degree, n=400_000):
+    """(M, b) moments of what places over the whole block count for, and a standard error, where the walls' inside is lit too."""
+    x, y = np.random.default_rng(1).random((2, n)) * COLUMNS
+    entry = (np.floor(y) * COLUMNS + np.floor(x)).astype(np.int32)
+    row, column = np.divmod(entry, COLUMNS)
+    owner = borders.find_owners(entry, x - column - 0.5, y - row - 0.5)
+    row, column = np.divmod(owner, COLUMNS)
+    slot = np.searchsorted(borders.entry, owner.clip(0, borders.entry[-1]))
+    own = np.flatnonzero(borders.entry[slot] == owner)
+    s, t = (x - column - 0.5)[own], (y - row - 0.5)[own]
+    area = COLUMNS**2 / n
+    return np.stack([np.bincount(slot[own], s**i * t**j, len(borders.entry)) * area for i, j in monomial_exponents(degree)])
+
+
+@pytest.mark.parametrize(
+    "walls",
+    [
+        [(4, 0, 0.2, 0.8)],
+        [(4, 0, 0.7, 0.3)],
+        [(4, 1, 0.1, 0.9)],
+        [(4, 3, 0.9, 0.1)],
+        [(4, 0, 0.2, 0.8), (3, 0, 0.4, 0.6)],  # on both sides of a texel
+        [(4, 0, 0.3, 0.7), (4, 1, 0.8, 0.2)],  # at a corner
+        [(4, 0, 0.3, 0.7), (4, 1, 0.2, 0.8)],
+        [(4, 1, 0.2, 0.8), (3, 0, 0.9, 0.1)],  # who takes from the left takes all of a texel, also what lies above the other wall
+    ],
+)
+def test_moments_are_those_of_what_counts_for_a_texel(walls):
+    borders = borders_of(*walls)
+    found, measured = count(borders, 2), borders.measure(2)
+    assert measured.shape == (6, len(borders.entry))
+    np.testing.assert_allclose(found, measured, atol=4 * np.sqrt(COLUMNS**2 / 400_000))
+    assert measured[0].sum() == pytest.approx(len(borders.entry), rel=1e-6)  # thin walls take no area from anybody
+    assert np.abs(measured - whole_texel(2)).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("quadrant", "walls", "entry", "diagonal"),
+    [(0, [(1, 1, 0.2, 0.8), (3, 0, 0.3, 0.7)], 0, 4), (2, [(7, 3, 0.1, 0.9), (5, 2, 0.4, 0.6)], 8, 4)],
+)
+def test_a_corner_takes_what_lies_within_both_walls(quadrant, walls, entry, diagonal):
+    borders = borders_of(*walls)
+
+    def beside(entries, step):
+        row, column = np.divmod(entries, COLUMNS)
+        column, row = column + step[0], row + step[1]
+        return np.where((np.minimum(row, column) >= 0) & (np.maximum(row, column) < COLUMNS), row * COLUMNS + column, -1)
+
+    corners = borders.find_corners(beside)
+    assert [corners[0].tolist(), corners[1].tolist(), corners[3].tolist()] == [[quadrant], [entry], [diagonal]]
+    borders = borders.with_corners(*corners)
+    found, measured = count(borders, 2), borders.measure(2)
+    np.testing.assert_allclose(found, measured, atol=4 * np.sqrt(COLUMNS**2 / 400_000))
+    assert measured[0].sum() < len(borders.entry) + 1e-6
+    own = np.searchsorted(borders.entry, entry)
+    lost = (0.5 - corners[2]).prod()
+    assert measured[0, own] == pytest.approx(1 - lost, rel=1e-6)
+    assert borders.see_beyond(np.array([entry]), 1.0).tolist() == [True]
+    place = np.random.default_rng(1).permutation(COLUMNS**2).astype(np.int32)
+    turned = borders.renumber(place)
+    own = np.searchsorted(turned.entry, place[entry])
+    assert turned.diagonal[quadrant, own] == place[diagonal]
+    np.testing.assert_array_equal(turned.corner[quadrant, :, own], corners[2][:, 0].astype(np.float32))
+
+
+def test_what_lies_below_a_thick_wall_is_nobody_s_area():
+    """Its light is the next texel's, where a photon gets there."""
+    borders = borders_of((4, 0, 0.2, 0.5))
+    assert borders.measure(0)[0] == pytest.approx([0.7, 1.0])
+    borders = borders_of((4, 0, 0.2, 0.6))
+    assert borders.measure(0)[0] == pytest.approx([0.7, 1.1])
+
+
+def test_texels_that_nothing_crosses_keep_their_hits():
+    borders = borders_of((4, 0, 0.2, 0.8))
+    every = np.arange(COLUMNS**2, dtype=np.int32)
+    assert borders.find_owners(every, np.full(9, 0.4), np.zeros(9)).tolist() == [0, 1, 2, 3, 5, 5, 6, 7, 8]
+    assert borders.find_owners(every, np.full(9, 0.1), np.full(9, 0.49)).tolist() == every.tolist()
+    assert borders.find_owners(every[:3], np.full(3, 0.4), np.zeros(3)).tolist() == [0, 1, 2]
+    none = TexelBorders.none()
+    assert none.find_owners(every, np.full(9, 0.4), np.zeros(9)) is every
+
+
+# Margins on pages small enough to know every texel.
+def fill_margin(page: np.ndarray, covered: np.ndarray, texels: int) -> np.ndarray:
+    add_margin(out := page.copy(), covered, texels)
+    return out
+
+
+def test_between_two_charts_is_their_mean() -> None:
+    page = np.zeros((5, 3, 1), np.float32)
+    page[:, 0], page[:, 2] = 1.0, 5.0
+    covered = np.array([[True, False, True]] * 5)
+    np.testing.assert_array_equal(fill_margin(page, covered, 4)[:, 1, 0], np.full(5, 3.0))
+
+
+@pytest.mark.parametrize(("texels", "height"), [(0, 17), (1, 17), (3, 17), (8, 17), (2, 400)])
+def test_reach_is_the_number_of_steps(texels: int, height: int) -> None:
+    rng = np.random.default_rng(texels)
+    covered = rng.random((height, 23)) < 0.01
+    covered[5, 6] = True
+    page = np.where(covered[..., None], rng.uniform(1.0, 2.0, (height, 23, 3)), -1.0).astype(np.float32)
+    filled = fill_margin(page, covered, texels)
+    y, x = np.nonzero(covered)
+    rows, columns = np.indices(covered.shape)
+    distance = np.maximum(abs(rows[..., None] - y), abs(columns[..., None] - x)).min(axis=-1)
+    np.testing.assert_array_equal(filled[..., 0] > 0.0, distance <= texels)
+    np.testing.assert_array_equal(filled[covered], page[covered])
+    assert filled[distance <= texels].max() <= page.max()
+    assert filled.dtype == np.float32
+
+
+def test_empty_and_full_pages_stay() -> None:
+    page = np.arange(30, dtype=np.float32).reshape(3, 5, 2)
+    for covered in (np.zeros((3, 5), bool), np.ones((3, 5), bool)):
+        np.testing.assert_array_equal(fill_margin(page, covered, 4), page)
+
+
+def test_a_colour_field_stays_smooth() -> None:
+    """The first ring off a straight edge takes the mean of three neighbours along it, so a ramp along the edge goes on."""
+    page, covered = np.zeros((9, 6, 1), np.float32), np.zeros((9, 6), bool)
+    covered[:, :3] = True
+    page[:, :3, 0] = np.arange(9)[:, None]
+    np.testing.assert_allclose(fill_margin(page, covered, 1)[1:-1, 3, 0], np.arange(1, 8), rtol=1e-6)
+
+
+def test_a_page_that_cannot_be_filled_in_place_is_told() -> None:
+    with pytest.raises(ValueError, match="rows do not follow each other"):
+        add_margin(np.zeros((4, 6, 3), np.float32).transpose(1, 0, 2), np.zeros((6, 4), bool), 1)
+
+
+def test_a_part_of_a_page_is_filled_in_place() -> None:
+    """Three of four channels: the fourth stays."""
+    page, covered = np.zeros((4, 6, 4), np.float32), np.zeros((4, 6), bool)
+    page[2, 3], covered[2, 3] = (1.0, 2.0, 3.0, 4.0), True
+    add_margin(page[..., :3], covered, 1)
+    np.testing.assert_array_equal(page[1:4, 2:5, :3], np.broadcast_to(np.float32([1.0, 2.0, 3.0]), (3, 3, 3)))
+    assert page.sum() == 9 * 6.0 + 4.0

@@ -7,19 +7,24 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from boxes import prepare_folder, to_bytes
-from leaflight.core.bake import solve
+from leaflight.core.bake import bake, solve
 from leaflight.core.filter.denoise import denoise
 from leaflight.core.integrate import texel_light
 from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.output.image_file import read_image
 from leaflight.core.parallel import executors, folders, shared_arrays
 from leaflight.core.scene.scene import Light
+from leaflight.core.scene.snapshot import save_snapshot
 from leaflight.core.scene.topology import join_sets
 from leaflight.core.texels.tiles import TILE_TEXELS
 from leaflight.core.transport import contact_map, traced_scene
 from leaflight.core.transport.contact_map import ContactMap, cut_at_contacts, find_contacts
+from leaflight.core.util.job import SNAPSHOT_FILE, Job
 from leaflight.core.util.settings import Settings
+from processes import wait_until_ready
 from scenes import Mesh, box_mesh, join_meshes, make_scene, moved, quad_mesh, sphere_mesh, split_faces
 
+# A floor is cut where walls and boxes stand on it, and what lies on one side of them does not leak to the other.
 SIDE = 64  # texels of the floor, a square metre
 SETTINGS = Settings(size=SIDE, margin=0, error=1e-4, denoise=False, direct="photons")
 LAMP = Light("POINT", "Lamp", (0.2, 0.5, 0.4), power_rgb=(1.0,) * 3)
@@ -418,3 +423,39 @@ def test_light_does_not_leak_below_a_wall_where_the_floor_has_an_edge(tmp_path, 
     page = draw(cut, scene, light_of(tmp_path, replace(SETTINGS, max_photons=20_000), cut, cut_atlas))
     behind = int(np.ceil(foot))
     assert page[:40, behind : behind + 4].mean() < 0.01 * page[:40, :30].mean()
+
+
+# Contacts that several processes look for are those that one finds.
+COARSE = Settings(size=224, direct="photons", max_photons=20_000, error=0.5, passes=("lighting",))
+HIGH_LAMP = Light("POINT", "Lamp", (0.2, 0.5, 0.9), power_rgb=(1.0,) * 3)
+
+
+@pytest.fixture
+def scene():
+    """Boxes on a floor that a wall parts."""
+    boxes = [box_mesh(f"Box {k}", (0.2, 0.2, 0.3), (x, y, 0.15)) for k, (x, y) in enumerate([(0.2, 0.2), (0.4, 0.2), (0.7, 0.7)])]
+    wall = replace(box_mesh("Wall", (0.02, 0.7, 0.5), (0.55, 0.3, 0.25)), receives=False)
+    return make_scene([quad_mesh("Floor"), *boxes, wall], [HIGH_LAMP])
+
+
+@pytest.fixture
+def as_many(monkeypatch):
+    """Has so many processes counted, of which this one does all the work."""
+    return lambda count: monkeypatch.setattr(executors.LocalExecutor, "idle", count)
+
+
+def test_a_bake_by_two_processes_has_the_light_of_one(tmp_path, scene, as_many, open_image_io):
+    """Though they are still at the first photons, so that a bake as small as this would not ask them."""
+    images = []
+    for count in (1, 2):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        save_snapshot(folder / SNAPSHOT_FILE, scene)
+        Job(replace(COARSE, workers=count), str(folder / "images"), "room").save(folder)
+        executor = executors.make_executor(count)
+        if count > 1:
+            wait_until_ready(executor)
+            as_many(count)
+        bake.run_bake(folder, lambda message: None, lambda: False, lambda settings, executor=executor: executor)
+        images.append(read_image(folder / "images" / "room_0.lighting.exr")[0])
+    np.testing.assert_array_equal(*images)
