@@ -179,7 +179,7 @@ def test_the_noise_of_a_caustic_is_stated(tmp_path):
     scene = replace(scene, tri_material=scene.tri_object.copy())
     bakes = []
     for seed in (1, 2):
-        solver = make_solver(tmp_path / str(seed), scene, Settings(size=32, padding=1, error=0.12, seed=seed))
+        solver = make_solver(tmp_path / str(seed), scene, Settings(size=24, padding=1, error=0.2, seed=seed))
         light = solver.run(lambda message: None, lambda: False)
         found = texel_light.light_at_texels(light, solver.tracing.texels)
         assert light.ledger.gathered < 2.5 * light.gathered.counters["rays"]  # not anew after every round

@@ -78,7 +78,7 @@ def test_a_state_from_before_a_choice_keeps_its_layout(tmp_path, kept):
 
 @pytest.mark.parametrize(
     ("settings", "stop_after"),
-    [(SETTINGS, 2), (replace(SETTINGS, direct="photons", basis="quadratic"), 2), (replace(SETTINGS, hierarchical=False), 1)],
+    [(replace(SETTINGS, direct="photons", basis="quadratic"), 2), (replace(SETTINGS, hierarchical=False, error=0.01), 1)],
 )
 def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, settings, stop_after):
     forced = np.arange(786) < 50
@@ -95,21 +95,22 @@ def test_an_interrupted_bake_goes_on_to_the_bytes_of_one_that_was_not(tmp_path, 
 
 def test_shards_that_were_under_way_when_a_bake_stopped_are_not_missing_when_it_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(rounds, "SHARD_PHOTONS", 1 << 13)  # so that there are many of a round
-    whole = run(make_solver(tmp_path / "whole", lamp_scene(), SETTINGS))
-    kept, _ = keep(tmp_path, SETTINGS, 2)
-    late = load_checkpoint(kept, tmp_path / "first", SETTINGS).late
+    settings = replace(SETTINGS, direct="photons")
+    whole = run(make_solver(tmp_path / "whole", lamp_scene(), settings))
+    kept, _ = keep(tmp_path, settings, 2)
+    late = load_checkpoint(kept, tmp_path / "first", settings).late
     assert len(late) == 2 * rounds.SMALL_PAIRS
-    rest = go_on(tmp_path, kept, SETTINGS)
+    rest = go_on(tmp_path, kept, settings)
     assert light_bytes(rest) == light_bytes(whole)
     assert (rest.photons, rest.rounds, rest.error) == (whole.photons, whole.rounds, whole.error)
     assert rest.ledger.rays == whole.ledger.rays
     assert not list((tmp_path / "second").glob("view_*"))
 
-    solver = make_solver(tmp_path / "third", lamp_scene(), SETTINGS, begun=False)
-    load_checkpoint(kept, tmp_path / "third", SETTINGS).give_to(solver)
+    solver = make_solver(tmp_path / "third", lamp_scene(), settings, begun=False)
+    load_checkpoint(kept, tmp_path / "third", settings).give_to(solver)
     save_checkpoint(tmp_path / "again", solver, run(solver, 0).error)  # stopped before it got anywhere
     (tmp_path / "more").mkdir()
-    assert light_bytes(go_on(tmp_path / "more", tmp_path / "again", SETTINGS)) == light_bytes(whole)
+    assert light_bytes(go_on(tmp_path / "more", tmp_path / "again", settings)) == light_bytes(whole)
 
 
 def test_a_bake_whose_direct_light_was_shot_again_goes_on_to_a_smaller_error(tmp_path, monkeypatch):
@@ -260,8 +261,9 @@ def test_only_our_own_files_are_removed(tmp_path, kept):
 
 def test_progress_tells_of_the_photons_of_this_time_only(tmp_path, kept):
     first = read_info(kept)
-    solver, told = make_solver(tmp_path / "second", lamp_scene(), SETTINGS, begun=False), []
-    load_checkpoint(kept, tmp_path / "second", SETTINGS).give_to(solver)
+    settings = replace(SETTINGS, error=0.02)
+    solver, told = make_solver(tmp_path / "second", lamp_scene(), settings, begun=False), []
+    load_checkpoint(kept, tmp_path / "second", settings).give_to(solver)
     solver.started -= 1000.0
     light = solver.run(told.append, lambda: False)
     assert told[0].photons == first.photons

@@ -362,7 +362,7 @@ def test_a_texel_counts_its_bumps_by_what_they_reflect(tmp_path, kind):
     images = (*scene.images, TextureImage("pattern", pattern, "EXTEND", closest=True))
     material = replace(scene.materials[0], **{"albedo_rgb": (1.0,) * 3, f"{kind}_image": 1, f"{kind}_rgb": (1.0,) * 3})
     uv = {"tri_albedo_uv": scene.tri_normal_uv, "tri_metal_uv": scene.tri_normal_uv}
-    page = bake_lighting(tmp_path / "many", replace(scene, images=images, materials=(material,), **uv), error=0.003)
+    page = bake_lighting(tmp_path / "many", replace(scene, images=images, materials=(material,), **uv), error=0.008)
     assert page.mean() == pytest.approx(np.average(np.cos(tilts), weights=shares), rel=0.01)
 
 

@@ -251,7 +251,7 @@ def bake_room(tmp_path_factory):
 
     @cache
     def bake(direct):
-        settings = Settings(size=64, padding=1, max_photons=200_000, error=1e-4, direct=direct)
+        settings = Settings(size=64, padding=1, max_photons=200_000, error=0.01, direct=direct)
         solver = make_solver(tmp_path_factory.mktemp(direct), lamp_scene(), settings)
         return solver, solver.run(lambda message: None, lambda: False)
 
