@@ -73,7 +73,7 @@ def bake_safely(
     **knobs: object,
 ) -> Baked:
     """A bake of small pages unless `knobs`, fields of Settings, say otherwise; `prepare` may change the solver before it runs."""
-    usual = {"size": 32, "padding": 1, "error": 0.02, "max_photons": 20_000, "direct": direct, "workers": 1}
+    usual = {"size": 32, "padding": 1, "error": 0.04, "max_photons": 20_000, "direct": direct, "workers": 1}
     chosen = Settings(**{**usual, **knobs})
     folders.forget_folders()
     solver = make_solver(folder, scene, chosen)
