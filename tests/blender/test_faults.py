@@ -28,7 +28,7 @@ TESTS = Path(__file__).resolve().parents[1]
 IMAGE = "room_0.combined.exr"
 HANGS_S = 600.0  # an end is long overdue then, also beside others' work
 ENDLESS = ("--error", "0.0001", "--max-photons", "1000000000000")
-SHORT = ("--error", "0.0001", "--max-photons", "200000")
+SHORT = ("--error", "0.005", "--max-photons", "200000")
 on_linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are found in /proc")
 
 
@@ -273,7 +273,7 @@ def test_no_time_of_day_is_read():
 
 
 def test_two_bakes_into_one_folder(room):
-    processes = [start_bake(room, "--max-photons", "20000", "--workers", "1", "--seed", seed) for seed in ("1", "2")]
+    processes = [start_bake(room, *SHORT, "--workers", "1", "--error", "0.05", "--seed", seed) for seed in ("1", "2")]
     assert [end_of(process) for process in processes] == [(0, [])] * 2
     assert np.isfinite(read_pixels(room.parent / "maps" / IMAGE)).all()
     assert list_files(room.parent / "maps") == [IMAGE]

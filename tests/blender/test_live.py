@@ -23,7 +23,7 @@ from leaflight.core.bake.bake import run_bake
 from leaflight.core.util.messages import Preview
 from leaflight.core.util.settings import Settings
 
-SETTINGS = Settings(size=32, max_photons=300_000, error=1e-4, workers=1, force=True)
+SETTINGS = Settings(size=32, max_photons=300_000, error=0.01, workers=1, force=True)
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.settings import Settings
 from scenes import box_mesh, make_scene, moved, quad_mesh
 
-SETTINGS = Settings(size=128, padding=1, error=0.008)
+SETTINGS = Settings(size=64, padding=1, error=0.008)
 LAMP = Light("POINT", "Lamp", (0.2, 0.1, 0.3), power_rgb=(10.0, 5.0, 2.5), radius_m=0.05)
 SCENE = make_scene([room_mesh(), box_mesh("Block", (0.3, 0.2, 0.3))], [LAMP], [Material("Grey", (0.6,) * 3)])
 

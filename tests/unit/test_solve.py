@@ -40,6 +40,8 @@ def test_two_workers_give_the_bytes_of_one(tmp_path, two_workers, direct, most, 
     solver.watch = lambda light: late.append(solver.rounds.count_late())
     alone = solver.run(lambda message: None, lambda: False)
     assert (max(late) > 0) == (direct == "photons")  # which are traced while a round is looked at
+    assert solver.tally.photons.sum() == pytest.approx(alone.photons, rel=1e-12)  # each is read once
+    assert not list((tmp_path / "1").glob("view_*"))
     together = solve_scene(tmp_path / "2", lamp_scene(), settings, two_workers)
     assert alone.rounds > 1  # so that refined trees are compared, not only roots
     assert len(alone.leaves) > 7
@@ -197,18 +199,6 @@ class Counter(executors.InlineExecutor):
     def submit(self, fn, /, *args, **kwargs):
         self.photons += getattr(args[0], "photons", 0)
         return super().submit(fn, *args, **kwargs)
-
-
-def test_every_photon_of_a_bake_is_read_once(tmp_path):
-    counter = Counter()
-    solver = make_solver(tmp_path, lamp_scene(), LATE, counter)
-    late = []
-    solver.watch = lambda light: late.append(solver.rounds.count_late())
-    light = solver.run(lambda message: None, lambda: False)
-    assert max(late) > 0
-    assert light.photons == counter.photons == LATE.max_photons
-    assert solver.tally.photons.sum() == pytest.approx(light.photons, rel=1e-12)
-    assert not list(tmp_path.glob("view_*"))
 
 
 def test_photons_under_way_when_a_bake_stops_are_told_by_nothing(tmp_path):
