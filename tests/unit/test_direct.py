@@ -13,11 +13,12 @@ from leaflight.core.bake.direct_only import settle_direct
 from leaflight.core.integrate import direct_shards
 from leaflight.core.integrate.direct import DirectLight, direct_irradiance
 from leaflight.core.integrate.direct_field import DirectField
+from leaflight.core.integrate.direct_shards import NOTHING_AHEAD, ShotAhead
 from leaflight.core.integrate.direct_tiles import sample_tiles
 from leaflight.core.lights.direct_lights import make_lamps
 from leaflight.core.lights.direct_points import TexelChunk
 from leaflight.core.lights.irradiance import polygon_irradiance
-from leaflight.core.parallel import executors
+from leaflight.core.parallel import executors, folders
 from leaflight.core.scene.scene import Light, SceneSnapshot
 from leaflight.core.texels.error_metric import BEST_TEXELS, DARK_FLOOR
 from leaflight.core.texels.tiles import Tiles
@@ -397,3 +398,49 @@ def test_it_can_be_stopped(tmp_path, monkeypatch, options, why):
     light = settle(tmp_path, error=1e-3, **options)
     assert light.stopped_by == why
     assert light.error > 1e-3
+
+
+SHARDED = Settings(size=64, padding=1, workers=1, error=0.2)
+
+
+class Noting(executors.InlineExecutor):
+    """Knows what it was asked for."""
+
+    def __init__(self):
+        super().__init__()
+        self.shards = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.shards += args
+        return super().submit(fn, *args, **kwargs)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """With a scene of which direct light takes a dozen shards; its number of texels."""
+    n_texel = len(prepare_folder(tmp_path, lamp_scene(), SHARDED)[1])
+    monkeypatch.setattr(direct_shards, "SHARD_TEXELS", n_texel // 12)
+    yield tmp_path, n_texel
+    folders.forget_folders()
+
+
+def shoot(folder, n_texel, ahead, executor):
+    field = DirectField.none(n_texel)
+    assert field.shoot(folder, SHARDED, executor, range(n_texel), ahead=ahead)
+    return field
+
+
+def test_shards_sent_ahead_are_not_sent_again_and_have_the_same_light_where_nothing_else_is_seen(folder):
+    folder, n_texel = folder
+    executor = Noting()
+    whole = shoot(folder, n_texel, NOTHING_AHEAD, executor)
+    every, executor.shards = executor.shards, []
+    ahead = ShotAhead.send(folder, SHARDED, executor, n_texel)
+    assert ahead.count == 1
+    assert not executor.shards  # nobody has asked for them yet
+    parted = shoot(folder, n_texel, ahead, executor)
+    assert executor.shards == every[ahead.count :]
+    np.testing.assert_array_equal(parted.irradiance, whole.irradiance)
+    np.testing.assert_array_equal(parted.variance, whole.variance)
+    assert parted.counters == whole.counters
+    assert (parted.passes == 1).all()

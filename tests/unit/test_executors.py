@@ -14,7 +14,7 @@ from leaflight.addon.app import boot
 from leaflight.core.parallel import executors
 from leaflight.core.util.progress import Interrupted
 from leaflight.core.util.settings import Settings
-from leaflight.core.util.threads import count_usable, run_on_threads
+from leaflight.core.util.threads import count_usable, run_on_threads, split_entries
 from processes import is_alive, wait_for_end, wait_until_ready
 
 
@@ -343,3 +343,12 @@ def test_a_process_is_alone_until_it_has_a_thread_that_works():
     )
     said = subprocess.run([sys.executable, "-c", lines], capture_output=True, text=True, check=True)
     assert said.stdout.split() == ["[True,", "False]"]
+
+
+@pytest.mark.parametrize("count", [0, 1, (1 << 16) + 1, 11_700_000])
+def test_parts_follow_each_other_to_the_end(count):
+    parts = split_entries(count)
+    assert [part.start for part in parts] == [0, *(part.stop for part in parts[:-1])]
+    assert parts[-1].stop == count
+    assert all(part.stop - part.start <= 1 << 18 for part in parts)
+    assert all(part.stop - part.start >= 1 << 16 for part in parts[:-1])

@@ -420,3 +420,15 @@ def test_light_is_flux_over_area_and_doubt_is_half_the_gap_of_the_halves(cells):
     np.testing.assert_allclose(power, np.outer([0.75, 0.25], [3.75, 2.5, 1.25]), rtol=1e-5)
     np.testing.assert_allclose((doubt[:, mine] * cells.area_m2[mine]).sum(axis=1), [-0.375, -0.125], rtol=1e-5)
     assert light.sum() == pytest.approx(light[:, :, mine].sum())
+
+
+def test_each_side_has_its_own_cells_and_a_lightmap_s_front_one(cells):
+    area = np.zeros((2, len(AREA_M2)))
+    for side in (0, 1):
+        for tri in range(len(AREA_M2)):
+            first, count = cells.start[side, tri], cells.per_edge[side, tri] ** 2
+            area[side, tri] = cells.area_m2[first : first + count].sum()
+    np.testing.assert_allclose(area, [AREA_M2, AREA_M2], atol=1e-12)
+    assert cells.per_edge[0, 2] == 1 < cells.per_edge[1, 2]
+    assert len(np.unique(np.sort(cells.start.ravel()))) == 8
+    assert len(cells) == (cells.per_edge.astype(int) ** 2).sum()

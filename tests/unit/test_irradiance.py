@@ -8,7 +8,7 @@ import pytest
 from floors import floor_footprints, lit_scene, morton_square, prepare
 from leaflight.core.integrate.near_field_quadrature import average_peaks, find_peaks
 from leaflight.core.lights.direct_lights import Source, TriangleSource, WorldSource, join_sources, make_lamps, make_suns
-from leaflight.core.lights.direct_points import GAUSS_POINTS, TexelChunk
+from leaflight.core.lights.direct_points import GAUSS_POINTS, TexelChunk, random_shift
 from leaflight.core.lights.irradiance import cap_irradiance, ellipse_irradiance, point_irradiance, polygon_irradiance, sun_irradiance
 from leaflight.core.scene.scene import Light
 from leaflight.core.texels.texel_footprint import centred_strata
@@ -306,3 +306,17 @@ def test_only_texels_near_a_lamp_hold_a_peak(chunk):
     under_edge = find_peaks(join_lamps(replace(PANEL, size_m=(4.0, 4.0), position_m=(-1.55, 0.5, 0.005))), receivers, 4)
     assert (under_edge == np.isin(column, (3, 4))).all(), "its edge is at 0.45 m, in the fourth column"
     assert not find_peaks(make_suns([Light("SUN", "Sun", power_rgb=(1.0,) * 3)])[0], receivers, 4).any()
+
+
+def find_strata(points: np.ndarray, columns: int, rows: int) -> list[int]:
+    """Sorted cells of a grid that points (n, 2) of the unit square fall in."""
+    return sorted((np.floor(points[:, 0] * columns) * rows + np.floor(points[:, 1] * rows)).astype(int).tolist())
+
+
+@pytest.mark.parametrize("count", [4, 16, 64])
+def test_first_rays_start_one_in_each_stratum_of_the_texel(count):
+    scene, _, _ = prepare(lit_scene())
+    chunk = TexelChunk(floor_footprints(1)(np.array([0])), random_shift(np.random.default_rng(2), 1), scene.surfaces, False)
+    start = chunk.receivers(np.array([0]), 0, count).position
+    side = round(count**0.5)
+    assert find_strata(start[:, :2] + 0.5, side, side) == list(range(count))

@@ -410,3 +410,17 @@ def test_children_that_saw_few_of_many_photons_must_differ_by_more(photons, coun
     alone = SquareBake(side=32, degree=1, preview_depth=1)
     alone.throw(*half_lit(rng, photons))
     assert len(shown(alone)) == 4
+
+
+@pytest.mark.parametrize("side", [16, 400])
+def test_nodes_tell_of_the_texels_in_them(side):
+    """Their means, and whether any has a flag."""
+    bake, rng = SquareBake(side=side, width=0.7, preview_depth=3), np.random.default_rng(2)
+    flag, values = rng.random(bake.n_texel) < 13.0 / side**2, rng.random((bake.n_texel, 3)).astype(np.float32)
+    texels = [slice(start, end) for start, end in zip(bake.tree.start, bake.tree.end, strict=True)]
+    found = quadtree.any_in_nodes(bake.tree, flag)
+    assert found.tolist() == [bool(flag[inside].any()) for inside in texels]
+    assert found.any() != found.all()
+    means = np.transpose([values[inside].mean(axis=0, dtype=np.float64) for inside in texels])
+    np.testing.assert_allclose(quadtree.mean_in_nodes(bake.tree, values), means, rtol=1e-9)
+    assert not quadtree.mean_in_nodes(bake.tree, np.zeros_like(values)).any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from leaflight.core.atlas.sharing import find_blocks, find_copies, follow_charts
 from leaflight.core.atlas.unwrap import Unwrapping
-from leaflight.core.scene.topology import find_groups_with_twins, find_loose_parts, join_open_sides
+from leaflight.core.scene.topology import find_groups_with_twins, find_loose_parts, join_open_sides, pair_sides
 from scenes import Mesh, box_mesh, grid_mesh, join_meshes, make_scene, moved, quad_mesh, shared_mesh, sphere_mesh, split_faces
 
 # Which objects wear the charts of one.
@@ -179,3 +179,17 @@ def test_groups_with_two_vertices_at_a_place_are_found():
     assert found.tolist() == [False, True, False, False, False]
     unused = np.zeros((2, 3)), np.zeros((1, 3), int), np.zeros(1, int)
     assert find_groups_with_twins(*unused).tolist() == [False]
+
+
+def test_sides_are_paired_within_their_group():
+    scene = make_scene([grid_mesh(cells=2)])
+    group = np.array([0, 0, 1, 1, -1, -1, 0, 0])
+    ends, one, other = pair_sides(scene.tri_vertex, group)
+    vertex = scene.tri_vertex.ravel()
+    sides = [frozenset(pair) for pair in zip(vertex, np.roll(scene.tri_vertex, -1, axis=1).ravel(), strict=True)]
+    expected = {(a, b) for b in range(24) for a in range(b) if sides[a] == sides[b] and group[a // 3] == group[b // 3] >= 0}
+    assert {tuple(sorted(pair)) for pair in zip(one.tolist(), other.tolist(), strict=True)} == expected
+    assert len(expected) == len(one) == 3  # the diagonals
+    assert (vertex[ends[0]] < vertex[ends[1]]).all()
+    assert [frozenset(vertex[ends[:, side]]) for side in range(24)] == sides
+    assert not len(pair_sides(np.array([[0, 1, 2], [1, 2, 3]]), np.array([0, 1]))[1])

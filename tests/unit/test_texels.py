@@ -508,3 +508,16 @@ def test_a_part_of_a_page_is_filled_in_place() -> None:
     add_margin(page[..., :3], covered, 1)
     np.testing.assert_array_equal(page[1:4, 2:5, :3], np.broadcast_to(np.float32([1.0, 2.0, 3.0]), (3, 3, 3)))
     assert page.sum() == 9 * 6.0 + 4.0
+
+
+def test_squares_are_where_all_texels_are_alike():
+    texels = make_square_map(SIDE, 1)
+    squares = squares_of(texels)
+    assert set(squares.side) == {1, 16}
+    assert (squares.side.astype(int) ** 2).sum() == len(texels.texel_area)
+    whole = squares.first[squares.side == 16]
+    assert not np.isin(texels.part_entry, whole[:, None] + np.arange(256)).any()
+    assert len(whole) == 12  # of 16, four are on the diagonal
+    area = texels.texel_area.copy()
+    area[whole[3] + 77] *= 2  # as where a layer overlaps itself
+    np.testing.assert_array_equal(squares_of(texels, area).first[squares_of(texels, area).side == 16], np.delete(whole, 3))
