@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..util.arrays import BoolArray, Float32, Float64, Int64
-from ..util.geometry import dot_rows, take_rows
+from ..util.geometry import dot_rows, lay_rows, take_rows
 from .direct_points import Receivers, ReceivingSurfaces
 from .emitting_cells import EmittingCells
 from .irradiance import polygon_irradiance
@@ -20,7 +20,7 @@ _ON_HORIZON = 1e-3  # roots of a cell's area below the horizon that count as on 
 
 @dataclass(frozen=True)
 class CellPolygons:
-    """Cells as polygons: two triangles of equal area, which share the corners 0 and 2.
+    """Cells as polygons: two triangles of equal area, which share the corners 0 and 2. Arrays are views for take_rows.
 
     corners   (n, 4, 3) float32, unit box
     normal    (n, 3) float32
@@ -40,15 +40,16 @@ class CellPolygons:
         for corner in _SQUARE:
             tri, barycentric = cells.place(every, np.broadcast_to(corner, (len(every), 2)))
             corners.append(scene.place(tri, barycentric[:, 0], barycentric[:, 1]))
-        return cls(np.stack(corners, axis=1), scene.normal[cells.tri], cells.area_m2 * scale**2, tri_sealed[cells.tri])
+        normal = lay_rows(scene.normal[cells.tri])
+        return cls(lay_rows(np.stack(corners, axis=1)), normal, cells.area_m2 * scale**2, tri_sealed[cells.tri])
 
     def rows(self, order: Int64) -> CellPolygons:
-        return CellPolygons(self.corners[order], self.normal[order], self.area[order], self.sealed[order])
+        return CellPolygons(take_rows(self.corners, order), take_rows(self.normal, order), self.area[order], self.sealed[order])
 
     @cached_property
     def centre(self) -> Float32:
         """(n, 3) float32, unit box: centroids."""
-        return np.average(self.corners, axis=1, weights=(2, 1, 2, 1)).astype(np.float32)
+        return lay_rows(np.average(self.corners, axis=1, weights=(2, 1, 2, 1)).astype(np.float32))
 
     @cached_property
     def farthest(self) -> Float32:

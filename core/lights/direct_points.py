@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from random import Random
 
 import numpy as np
@@ -30,6 +31,7 @@ MOST_TEXELS = 2**15
 _RAYS_AT_ONCE = 2**15  # fits the cache
 _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the geometric normal than this are flat shading
 _SHORTEST_NORMAL = 1e-6
+_LEAST_ALBEDO = 1e-9  # where all of a texel is black its points are equally likely
 
 
 def base_points(count: int) -> NDArray[np.uint32]:
@@ -74,7 +76,9 @@ def _order_strata(points: NDArray[np.uint32]) -> dict[tuple[int, int], Int64]:
 
 GAUSS_POINTS.flags.writeable = MIDDLE.flags.writeable = False
 _TEXEL_POINTS = base_points(STAGES[-1][1])
-_MOVES = 8  # of points to where the albedo is higher; were a tenth of a texel all that reflects, half of the points would reach it
+# Points along the Morton curve, and the rank of each on it. Digital shifts permute whole strata, so neighbours stay near each other.
+_CURVE = np.argsort(interleave_bits(*(_TEXEL_POINTS.T >> np.uint32(16)).astype(np.int64)))
+_RANK = np.argsort(_CURVE)
 # Points on the light have another order, so that they are not correlated with points in the texel; of 2,000 seeds this is the best.
 _LIGHT_POINTS = _shuffle_stages(_TEXEL_POINTS, 804)
 LIGHT_PLACE = _order_strata(_LIGHT_POINTS)
@@ -87,19 +91,6 @@ def shift_points(points: NDArray[np.uint32], shift: NDArray[np.uint32]) -> Float
     """
     bits = points.T[:, :, None] ^ shift.T[:, None, :]
     return np.moveaxis(to_unit_interval(bits), 0, -1)
-
-
-def _hash_pairs(bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """(..., 2) uint32: numbers that look independent of bits (..., 2), of each other, and of those of other bits.
-
-    Source: Jarzynski & Olano 2020, "Hash functions for GPU rendering", pcg2d.
-    """
-    x, y = np.moveaxis(bits * np.uint32(1664525) + np.uint32(1013904223), -1, 0)
-    for _ in range(2):
-        x = x + y * np.uint32(1664525)
-        y = y + x * np.uint32(1664525)
-        x, y = x ^ (x >> np.uint32(16)), y ^ (y >> np.uint32(16))
-    return np.stack([x, y], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -334,30 +325,34 @@ class TexelChunk:
 
     def receivers(self, rows: IntArray, first: int, last: int) -> Receivers:
         """Origins of rays first ... last - 1 of texels `rows`, ordered by ray: ((last - first) * len(rows), ...)."""
-        points = shift_points(_TEXEL_POINTS[first:last], take_rows(self._shift, rows))
+        shift = take_rows(self._shift, rows)
+        points = shift_points(_TEXEL_POINTS[first:last], shift)
         patterned = np.flatnonzero(self._patterned[rows])
         if len(patterned):
-            points[:, patterned] = self._choose_by_albedo(rows[patterned], first, last)
+            chosen = self._chosen_by_albedo[first:last, np.searchsorted(self._patterned_rows, rows[patterned])]
+            points[:, patterned] = to_unit_interval(_TEXEL_POINTS[chosen] ^ take_rows(shift, patterned))
         return self.receivers_at(rows, points)
 
-    def _choose_by_albedo(self, rows: IntArray, first: int, last: int) -> Float32:
-        """(last - first, len(rows), 2): points of the unit squares, as dense as the diffuse albedo is high there.
+    @cached_property
+    def _patterned_rows(self) -> Int64:
+        return np.flatnonzero(self._patterned)
+
+    @cached_property
+    def _chosen_by_albedo(self) -> NDArray[np.uint8]:
+        """(k, n): the sample points at which the k rays of n patterned texels start, more often where the diffuse albedo is high.
 
         A bump in a dark groove counts by as little as it reflects: the light of a texel is what its surface reflects over its albedo, as
-        in Cycles' bake. Where the albedo is the same everywhere every point is moved, and the last ones are as well distributed as any.
-        Source: Hastings 1970, "Monte Carlo sampling methods using Markov chains and their applications", with independent proposals.
+        in Cycles' bake. Where the albedo is the same everywhere each ray starts at its own point, and others are not far from it.
+        Source: Carpenter, Clifford & Fearnhead 1999, "Improved particle filter for nonlinear problems", systematic resampling.
         """
-        shift, base = take_rows(self._shift, rows), _TEXEL_POINTS[first:last]
-        points = shift_points(base, shift)
-        albedo = self._albedo_at(rows, points)
-        for _ in range(_MOVES):
-            shift = _hash_pairs(shift)
-            other = shift_points(base, shift)
-            other_albedo = self._albedo_at(rows, other)
-            chance = to_unit_interval(_hash_pairs(base[:, None] ^ shift[None])[..., 0])
-            moved = chance * albedo <= other_albedo
-            points[moved], albedo[moved] = other[moved], other_albedo[moved]
-        return points
+        rows, count = self._patterned_rows, len(_CURVE)
+        shift = take_rows(self._shift, rows)
+        albedo = self._albedo_at(rows, shift_points(_TEXEL_POINTS[_CURVE], shift))
+        chance = np.cumsum(np.maximum(albedo, _LEAST_ALBEDO), axis=0, dtype=np.float64).T
+        offset = to_unit_interval(shift[:, :1] << np.uint32(16))  # of the low bits, which hardly move the points
+        end = np.ceil(count * chance / chance[:, -1:] - offset).astype(np.int64)
+        on_curve = np.repeat(np.tile(_CURVE, len(rows)), np.diff(end, axis=1, prepend=0).ravel()).reshape(-1, count)
+        return on_curve[:, _RANK].T.astype(np.uint8)
 
     def _albedo_at(self, rows: IntArray, points: Float32) -> Float32:
         """(k, m): diffuse albedo at points (k, m, 2) of the unit squares of texels `rows` (m,), which have normal maps."""

@@ -15,7 +15,7 @@ from ..scene.slender_triangles import cut_slender, find_between, find_corners
 from ..util.arrays import BoolArray, Float32, Float64, FloatArray, Int64, IntArray
 from ..util.brightness import weigh_channels
 from ..util.coverage import expand_ranges
-from ..util.geometry import take_rows, triangle_normals_areas
+from ..util.geometry import triangle_normals_areas
 from ..util.sampling import square_to_uniform_triangle
 from .light_links import LightLinks
 
@@ -56,7 +56,7 @@ class EmittingCells:
 
     def place(self, cell: IntArray, u: FloatArray) -> tuple[Int64, Float32]:
         """Triangles (n,) and weights (n, 2) of their corners 1 and 2 at points u (n, 2) of cells (n,)."""
-        corner, side = take_rows(self.corner, cell), self.side.take(cell)[:, None]
+        corner, side = self.corner.take(cell, axis=0), self.side.take(cell)[:, None]
         within = square_to_uniform_triangle(corner + side * u.astype(np.float32, copy=False))
         return self.tri.take(cell), within if self.part is None else find_between(self.part[cell], within)
 

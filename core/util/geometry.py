@@ -160,6 +160,11 @@ def dot_rows(a: NDArray[_Scalar], b: NDArray[_Scalar]) -> NDArray[_Scalar]:
     return np.multiply(a, b).sum(axis=1)
 
 
+def lay_rows(values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """(n, ...) values as a view of contiguous rows (..., n), from which take_rows takes without a copy of them all."""
+    return np.ascontiguousarray(values.T).T
+
+
 def gather(values: NDArray[_Scalar], index: IntArray) -> NDArray[_Scalar]:
     """values[..., index] without bounds checks, with which numpy takes up to twice as long."""
     return values.take(index, axis=-1, mode="wrap")
