@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -98,6 +99,8 @@ def describe_seconds(seconds: float) -> str:
 
 def describe_error(result: dict[str, Any]) -> list[str]:
     """Lines about the error of a bake, and of the object that errs most beside its own brightness where that is more."""
+    if not math.isfinite(result["estimated_error"]):
+        return ["Error not known"]
     error = f"Error {100.0 * result['estimated_error']:.1f} %"
     worst = _find_worst(result)
     each = result["error_of"] == "objects"

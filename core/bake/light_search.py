@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,8 @@ from .work_plan import WorkPlan
 
 PREVIEW_FOLDER = "preview"
 _GLANCING = Status("preview", "First light")
+_NO_ERROR = 1e-4  # the least that Settings allow: no bake by photons comes to it
+_COARSE = "the time limit ended before shadow rays were sent from all texels; the lightmap is coarse, raise Time Limit (--time-limit)"
 
 
 @dataclass
@@ -56,8 +59,8 @@ class LightSearch:
         solver, is_shot = None, True
         if self.needs.direct and not kept:
             solver, is_shot = self._shoot_direct(direct, tell)
-        if not is_shot:  # stopped before all texels have direct light: one round of photons estimates all light coarsely
-            self.settings = settings = replace(settings, direct="photons")
+        if not is_shot:  # stopped before all texels have direct light: photons estimate all light coarsely in the time left
+            self.settings = settings = replace(settings, direct="photons", error=_NO_ERROR)
             solver, direct, self.first = None, DirectField.none(len(texels)), FirstPhotons()
         if self.needs.photons or not is_shot:
             with run.stage(solve.TRACING):
@@ -72,6 +75,9 @@ class LightSearch:
             light = settle_direct(run.folder, texels, self.tri_object, settings, self.executor, direct, run.tell, run.should_stop, deadline)
         light, lost = state_lost(light, settings)
         run.warn(lost)
+        if not is_shot:  # photons of few rounds do not tell how much their leaves blur
+            light = replace(light, error=math.nan, object_error={})
+            run.warn([("", _COARSE)] if light.stopped_by == "time_limit" else [])
         return light, solver if is_shot else None
 
     def _show_first_light(self, direct: DirectField, is_first: bool) -> tuple[preview.PreviewPages | None, Callable[[Message], None]]:

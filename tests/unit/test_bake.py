@@ -10,6 +10,7 @@ import pytest
 from boxes import bake_folder, lamp_scene, list_files
 from leaflight.core.bake import bake, preview
 from leaflight.core.bake.checkpoint import read_info
+from leaflight.core.bake.deadline import Deadline
 from leaflight.core.output import resolve
 from leaflight.core.output.image_file import read_image
 from leaflight.core.parallel import executors
@@ -183,6 +184,16 @@ def test_stopped_before_direct_light_is_done_a_bake_still_shows_all_light(tmp_pa
     assert said[-1].interrupted
     assert (result["stopped_by"], result["rounds"]) == ("interrupted", 1)
     assert pixels[..., :3][pixels[..., 3] > 0].mean() > 0.05
+
+
+def test_a_time_limit_that_ends_before_direct_light_is_done_states_no_error(tmp_path, monkeypatch):
+    """Photons alone had said 6 % of a page that was 150 % off."""
+    monkeypatch.setattr(Deadline, "foresee", lambda self, steps: lambda: True)
+    messages, result = bake_folder(tmp_path, lamp_scene(), replace(QUICK, direct="rays", error=0.5, max_photons=10**9, time_limit=2.0))
+    assert result["stopped_by"] == "time_limit"
+    assert math.isnan(result["estimated_error"])
+    assert all(row["estimated_error"] is None for row in result["objects"])
+    assert any("the lightmap is coarse" in message.text for message in messages if isinstance(message, Warning_))
 
 
 def test_previews_come_first_and_change_no_byte(tmp_path, monkeypatch, patient):
