@@ -19,6 +19,7 @@ from .srgb_filtering import multiply_alpha, refine_srgb
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
 _MOST_REFINED = 1 << 24  # texels of all images that are refined
+_SHARPEST = 4  # a whole image on a page has 1 / 4 of the texels a side that are read of it: finer ones are not told apart there
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
 _LEAST_DARKER = 0.002  # the light between pixels that is cared for
 _APART = ("CHANNEL_PACKED", "NONE")  # of colours that alpha has nothing to do with
@@ -100,7 +101,8 @@ class ImageTable:
         if closest or not pixels.is_encoded:
             return color
         is_reduced = 2 * max(color.shape[:2]) > self.most_texels  # or may be
-        shown = color if is_reduced or self._room_for_refined <= 0 else refine_srgb(color, extension, alpha)
+        most = self.most_texels // _SHARPEST
+        shown = color if is_reduced or self._room_for_refined <= 0 else refine_srgb(color, extension, alpha, most)
         if shown is not color:
             self._room_for_refined -= shown.shape[0] * shown.shape[1]
         elif min(pixels.between_rgb) < 1.0 - _LEAST_DARKER:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.output.image_file import linear_to_srgb, srgb_to_linear
 
-_MOST_TEXELS, _MOST_PARTS = 1536, 9  # on a side of the finer image, and of a texel
+MOST_FINER, _MOST_PARTS = 1536, 9  # texels on a side of the finer image, and parts on one of a texel
 _GAP = 0.002  # half way between texels, relative to the image, that is left
 _TABLE_STEPS = 1 << 16
 _TABLE = srgb_to_linear(np.arange(_TABLE_STEPS, dtype=np.float32) / np.float32(_TABLE_STEPS - 1))
@@ -23,14 +23,17 @@ _MEASURED = 16  # rows of an image by which the light between pixels is measured
 _GAUSS = 0.5 - math.sqrt(1.0 / 12.0)  # of the two-point rule on [0, 1]
 
 
-def refine_srgb(pixels: NDArray[np.float32], extension: str, alpha: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+def refine_srgb(
+    pixels: NDArray[np.float32], extension: str, alpha: NDArray[np.float32] | None = None, most_texels: int = MOST_FINER
+) -> NDArray[np.float32]:
     """An image with so many more texels that the light between its pixels is Cycles'; as it was where that is as good.
 
     pixels      (height, width, 3) float32, linear, of bytes
     extension   as of a TextureImage
     alpha       (height, width) float32 by which colours count between pixels
+    most_texels   on a side of the finer image
     """
-    most = min(_MOST_PARTS, _MOST_TEXELS // max(*pixels.shape[:2], 1))
+    most = min(_MOST_PARTS, min(most_texels, MOST_FINER) // max(*pixels.shape[:2], 1))
     if most < 3 or extension == "CLIP":
         return pixels
     encoded = linear_to_srgb(pixels)
