@@ -35,6 +35,7 @@ class Measured:
 
     longest_m    longest edge, which no chart cuts
     n_chart      about, of chart_guess; 0 where nobody knows
+    side_m       sum of the roots of the charts' areas; 0 where nobody knows
     """
 
     name: str
@@ -42,6 +43,7 @@ class Measured:
     density_factor: float
     longest_m: float = 0.0
     n_chart: int = 0
+    side_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def estimate_bake(
     page = Page(settings.size, settings.padding)
     inside = max(page.inside, 1)
     page_texels = count_usual_texels(page)
-    demand = ChartDemand.of_squares([one.n_chart for one in objects], weighted_m2)
+    demand = ChartDemand.of_squares([one.n_chart for one in objects], weighted_m2, [one.side_m * one.density_factor for one in objects])
     density, size, too_large, nearly = settings.density, settings.size, {}, []
     if density > 0.0:
         texels_of = [min(area * density**2, page_texels) for area in weighted_m2]

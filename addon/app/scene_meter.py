@@ -51,7 +51,7 @@ class SceneMeter:
         self.estimate: Estimate | None = None
         self.problem = ""
         self.stale = True
-        self._size: dict[int, tuple[float, float, int]] = {}  # of measure_object, by the object's session_uid
+        self._size: dict[int, tuple[float, float, int, float]] = {}  # of measure_object, by the object's session_uid
         self._key: tuple[Any, ...] = ()
         self._rows: list[Measured] = []
         self._measured = False
@@ -108,21 +108,23 @@ def find_worn(context: bpy.types.Context) -> Worn:
     return worn_result(context.scene) or state.worn.get(context.scene.session_uid, Worn())
 
 
-def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[float, float, int]:
-    """Of the triangles that an object shows, or the collection that it is an instance of: area in m2, longest edge in m, and about how
-    many charts they will be."""
-    area_m2, longest_m, charts = 0.0, 0.0, 0
+def measure_object(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[float, float, int, float]:
+    """Of the triangles that an object shows, or the collection that it is an instance of: area in m2, longest edge in m, about how many
+    charts they will be, and the sum of the roots of the charts' areas in m.
+    """
+    area_m2, longest_m, charts, side_m = 0.0, 0.0, 0, 0.0
     for mesh, matrix in walk_meshes(obj, depsgraph):
         corner = read_corners(mesh, matrix)
         area, edge = _measure_corners(corner)
         area_m2 += area
         longest_m = max(longest_m, edge)
-        charts += int(guess_charts(corner, np.zeros(len(corner), np.int64), 1)[0])
-    return area_m2, longest_m, charts
+        guessed, side = guess_charts(corner, np.zeros(len(corner), np.int64), 1)
+        charts, side_m = charts + int(guessed[0]), side_m + float(side[0])
+    return area_m2, longest_m, charts, side_m
 
 
-def _make_row(obj: bpy.types.Object, area_m2: float, longest_m: float, charts: int) -> Measured:
-    return Measured(obj.name, area_m2, read_choice(obj).density_factor, longest_m, charts)
+def _make_row(obj: bpy.types.Object, area_m2: float, longest_m: float, charts: int, side_m: float) -> Measured:
+    return Measured(obj.name, area_m2, read_choice(obj).density_factor, longest_m, charts, side_m)
 
 
 def walk_meshes(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[bpy.types.Mesh, NDArray[np.float64]]]:

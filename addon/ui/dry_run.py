@@ -31,11 +31,11 @@ def measure_snapshot(snapshot: SceneSnapshot) -> list[Measured]:
     longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1, initial=0.0)
     count = len(snapshot.objects)
     total = np.bincount(snapshot.tri_object, area, count)
-    charts = guess_charts(corner, snapshot.tri_object, count)
+    charts, side = guess_charts(corner, snapshot.tri_object, count)
     edge = np.zeros(count)
     np.maximum.at(edge, snapshot.tri_object, longest)
     return [
-        Measured(one.name, float(total[i]), one.density_factor, float(edge[i]), int(charts[i]))
+        Measured(one.name, float(total[i]), one.density_factor, float(edge[i]), int(charts[i]), float(side[i]))
         for i, one in enumerate(snapshot.objects)
         if one.receives
     ]

@@ -39,11 +39,15 @@ class ChartDemand:
     extent_m: Float64
 
     @classmethod
-    def of_squares(cls, count: ArrayLike, area_m2: ArrayLike) -> ChartDemand:
-        """The demand if only number and area are known: charts are taken to be nearly square and of one size in each object."""
+    def of_squares(cls, count: ArrayLike, area_m2: ArrayLike, side_m: ArrayLike = 0.0) -> ChartDemand:
+        """The demand of charts that are taken to be nearly square.
+
+        side_m   (n,) sum of the roots of the charts' areas; where it is 0, those of an object are taken to be of one size
+        """
         number = np.maximum(np.asarray(count, np.float64), 1.0)
         box_m2 = np.asarray(area_m2, np.float64) / _SHARE_OF_BOX
-        return cls(number, box_m2, 2.0 * np.sqrt(box_m2 * number))
+        side = np.asarray(side_m, np.float64) / math.sqrt(_SHARE_OF_BOX)
+        return cls(number, box_m2, 2.0 * np.where(side > 0.0, side, np.sqrt(box_m2 * number)))
 
     def count_texels(self, density: float, page: Page) -> Float64:
         """(n,) float64: texels of a page that each object takes, gaps included."""

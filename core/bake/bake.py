@@ -29,7 +29,7 @@ from .find_light import FoundLight, Loaded, find_light, name_dark, resolve_light
 from .run import Run
 from .work_plan import count_skipped
 
-_LOADING, _WRITING, _KEEPING = Status("load", "Reading the scene"), Status("write", "Writing images"), Status("keep", "Keeping the state")
+_LOADING, _WRITING, _KEEPING = Status("load", "Opening the scene"), Status("write", "Writing images"), Status("keep", "Keeping the state")
 
 
 def run_bake(

@@ -13,6 +13,7 @@ from leaflight.core.atlas.density_search import find_greatest_density
 from leaflight.core.atlas.even_out import USABLE, acts, even_out, find_factors
 from leaflight.core.atlas.layer_check import signed_areas
 from leaflight.core.atlas.packing import Page, place_charts, shape_charts
+from leaflight.core.atlas.page_plan import ChartDemand
 from leaflight.core.atlas.unfolding import UnfolderDied
 from leaflight.core.util.geometry import triangle_normals_areas
 from leaflight.core.util.settings import Settings
@@ -355,12 +356,23 @@ def test_crash_of_xatlas_names_the_object(monkeypatch):
 
 def guess(meshes):
     scene = make_scene(meshes)
-    return guess_charts(scene.tri_position, scene.tri_object, len(meshes)).tolist()
+    return guess_charts(scene.tri_position, scene.tri_object, len(meshes))[0].tolist()
 
 
 def test_what_is_no_number_is_no_chart():
     broken = np.full((4, 3, 3), np.nan)
-    assert guess_charts(broken, np.zeros(4, int), 1).tolist() == [0]
+    charts, side = guess_charts(broken, np.zeros(4, int), 1)
+    assert (charts.tolist(), side.tolist()) == ([0], [0.0])
+
+
+def test_small_charts_leave_their_object_finer():
+    """Beside a large square a hundred small ones take little of a page; of one size, as their number alone says, they would take most."""
+    squares = [quad_mesh("Floor", 10.0, 10.0), *(moved(quad_mesh("Tile", 0.1, 0.1), (k, 0.0, 1.0)) for k in range(100))]
+    corner = make_scene(squares).tri_position
+    charts, side = guess_charts(corner, np.zeros(len(corner), int), 1)
+    assert (charts[0], side[0]) == (101, pytest.approx(10.0 + 100 * 0.1, rel=1e-3))
+    known, unknown = (ChartDemand.of_squares(charts, [101.0], told).find_density(1.0, Page(256, 4)) for told in (side, 0.0))
+    assert known > 1.1 * unknown
 
 
 @pytest.mark.parametrize("mesh", [sphere_mesh("Ball", rings=16, segments=24), grid_mesh("Cloth", cells=12, noise=0.1), box_mesh()])
