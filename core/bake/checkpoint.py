@@ -32,7 +32,7 @@ from .photon_shards import PhotonShard
 from .solve import Solver
 
 FORMAT = "leaflight-state"
-FORMAT_VERSION = 21
+FORMAT_VERSION = 22
 INFO_FILE = "leaflight_state.json"  # marks a folder as ours
 _STRUCT_FOLDER = "state"
 # Groups of settings, and single settings, in which a continued bake may differ. If only the continued bake has a pass `direct`, the

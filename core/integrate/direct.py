@@ -91,7 +91,7 @@ class DirectScene:
         linked = tuple(_link_sources(rays, snapshot, unit_box, surfaces, receiving, links, apart, meshes))
         sources += [one.source for one in linked if not isinstance(one.source, EmitterPool)]
         pools = (*([pool] if pool else []), *(one.source for one in linked if isinstance(one.source, EmitterPool)))
-        tri_two_sided = two_sided[snapshot.tri_object]
+        tri_two_sided = two_sided[snapshot.tri_object] | surfaces.tri_both
         return cls(rays, sky_rays, receiving, tuple(sources), crowd, pools, tri_two_sided, sky, environment, linked)
 
     def rays_to(self, source: object) -> ShadowRays:
@@ -199,6 +199,9 @@ def direct_irradiance(
             demand = Demand(tolerance, smooth.on_one_triangle(chunk.tri), alone)
             sampler = _ChunkSampler(scene, chunk, demand, rng)
             value, error = sampler.find_light()
+            share = chunk.find_side_share()
+            if share is not None:
+                value, error = value * share, error * share**2
             into = as_slice(rows)
             irradiance[into] += value
             variance[into] += error

@@ -91,8 +91,8 @@ class GatherScene:
     mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
                     by photons
     cell_width      (n_cell,) float32, unit box
-    tri_two_sided   (n_tri,) bool: texels hold the sum of both sides
-    tri_mapped      (n_tri,) bool: texels hold the light on its front
+    tri_two_sided   (n_tri,) bool: texels hold light of both sides
+    tri_mapped      (n_tri,) bool: texels hold the light on its front alone
     """
 
     rays: RayScene
@@ -137,9 +137,12 @@ def gather_light(
         every, nothing, all_rays = np.arange(len(chunk)), np.zeros((len(chunk), 3)), ((0, 2 * n_ray if len(targets) else n_ray),)
         # No texel stops early: by its own rays alone it would where they happen to meet nothing bright, which loses up to 1 % of the light.
         light, error, n = sample_adaptively(gathering.sample, every, Demand(0.0), nothing, all_rays)
+        carried, share = (gathering.doubt / np.maximum(gathering.rays, 1)).T, chunk.find_side_share()
+        if share is not None:
+            light, error, carried = light * share, error * share**2, carried * share.mean(axis=1, keepdims=True)
         irradiance[part] += light
         variance[part] += error
-        doubt[part] += (gathering.doubt / np.maximum(gathering.rays, 1)).T
+        doubt[part] += carried
         traced += n
     return GatheredLight(irradiance, variance, doubt, {"rays": traced})
 

@@ -309,6 +309,7 @@ class TexelChunk:
 
     def __init__(self, footprints: TexelFootprints, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
         self._footprints, self._shift, self._frames = footprints, shift, surfaces.follow(footprints, flip)
+        self._materials, self._flip = surfaces.surfaces, flip
         self._patterned = surfaces.tri_patterned[self.tri]  # texels whose points are chosen by their albedo
 
     def __len__(self) -> int:
@@ -318,6 +319,18 @@ class TexelChunk:
     def tri(self) -> Int32:
         """(n,) int32: triangle of each texel's representative point."""
         return self._footprints.tri[: len(self)]
+
+    def find_side_share(self) -> Float32 | None:
+        """(n, 3) float32: share of this side's light that the texels show, see SurfaceMaterials.share_sides; None where they show all."""
+        rows = np.flatnonzero(self._materials.tri_both[self.tri])
+        if not len(rows):
+            return None
+        origin, along, up = self._footprints.weight[:, :, rows]
+        out = np.ones((len(self), 3), np.float32)
+        places = [origin + np.float32(x) * along + np.float32(y) * up for x, y in GAUSS_POINTS[:, 0]]
+        shares = [self._materials.share_sides(self.tri[rows], *place)[int(self._flip)] for place in places]
+        out[rows] = np.mean(shares, axis=0).T
+        return out
 
     def have_bumps(self, rows: IntArray) -> BoolArray:
         """(m,) bool: whether texels rows (m,) have a normal map."""

@@ -107,6 +107,8 @@ class SurfaceMaterials:
     lobes         roughness, and the shares of the surface that are metal and that have a dielectric layer, within [0, 1]
     tri_glass     (n_tri,) bool: glass that rays between surfaces see
     tri_through   (n_tri,) bool: translucent triangles, from which light leaves diffusely on the other side too
+    tri_both      (n_tri,) bool: translucent triangles, whose texels show the light of both sides, see share_sides; but on two-sided
+                  objects, whose texels have the sum
     tri_seen      (3, 3, n_tri) float32: share of a surface's outgoing light that diffuse, glossy and transmission rays see, by channel;
                   None if all see all
     by_kind       whether these kinds of rays between surfaces differ in any way
@@ -126,6 +128,7 @@ class SurfaceMaterials:
         self.tri_glass: BoolArray = of_glass[scene.tri_material] & ~unseen
         self.tri_through: BoolArray = self.through.tri_rgb.any(axis=0)
         self.has_through = bool(self.tri_through.any())
+        self.tri_both: BoolArray = self.tri_through & ~np.array([one.two_sided for one in scene.objects], bool)[scene.tri_object]
         self._passing = _layer_passing(scene, kinds, seen_by)
         self.tri_seen = _find_seen(scene, kinds, seen_by)
         self.by_kind = self.tri_seen is not None or any(layer is not self._passing[DIFFUSE] for layer in self._passing[:SHADOW])
@@ -142,6 +145,20 @@ class SurfaceMaterials:
         """(n,) float32 >= 0: mean of the albedo's channels, less what a metal reflects; arguments are as of Layer.at."""
         out: Float32 = np.maximum(self.albedo.at(tri, u, v) - self.metal.at(tri, u, v), 0).mean(axis=1)
         return out
+
+    def share_sides(self, tri: IntArray, u: FloatArray, v: FloatArray) -> Float32:
+        """(2, 3, n) float32: shares of the light on fronts and on backs in what fronts show; arguments are as of Layer.at.
+
+        A front sends what it reflects of the light before it and what comes through of that behind it. Over the colour of both this is
+
+            ((albedo - through) front + through back) / albedo
+
+        as in Cycles' bake, which divides diffuse light by the colours of all diffuse closures.
+        """
+        albedo = np.maximum(self.albedo.at(tri, u, v) - self.metal.at(tri, u, v), 0).T
+        through = np.minimum(self.through.at(tri, u, v).T, albedo)
+        back = np.divide(through, albedo, out=np.zeros_like(albedo), where=albedo > 0)
+        return np.stack([1 - back, back])
 
     def find_patterned(self) -> BoolArray:
         """(n_tri,) bool: triangles over which diffuse_at varies."""

@@ -63,7 +63,7 @@ class TraceScene:
     tri_normal      (3, n_tri) float32       geometric, unit; 0 for triangles without area
     tri_frame       (3, 3, n_tri) float32    of triangle_frames, unit box
     tri_lit_below   (n_tri,) float32         a photon is deposited where the cosine of its direction with the normal is less than this:
-                                             0 for one-sided receivers, inf for two-sided ones, -inf without a lightmap
+                                             0 for one-sided receivers, inf where texels hold light of both sides, -inf without a lightmap
     tri_smooth      (n_tri,) int32           column of smooth_frame, -1 for flat shading
     smooth_frame    (3, 3, n_smooth) float32 of triangle_frames, of the corners' unit shading normals
     maps            normal maps
@@ -114,6 +114,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
     corners = unit_box.to_unit(corners_m)
     lit_below = np.array([(math.inf if thing.two_sided else 0) if thing.receives else -math.inf for thing in snapshot.objects], np.float32)
     receives = np.array([thing.receives for thing in snapshot.objects], bool)[snapshot.tri_object]
+    tri_lit_below = np.where(surfaces.tri_both & receives, np.float32(math.inf), lit_below[snapshot.tri_object])
     rays = RayScene(collapse(corners, receives | ~surfaces.find_void()))
     tri_normal, tri_frame = np.ascontiguousarray(normal.T), triangle_frames(corners)
     links = LightLinks.of(snapshot)
@@ -132,7 +133,7 @@ def build_trace_scene(snapshot: SceneSnapshot, unit_box: UnitBox, surfaces: Surf
         surfaces=surfaces,
         tri_normal=tri_normal,
         tri_frame=tri_frame,
-        tri_lit_below=lit_below[snapshot.tri_object],
+        tri_lit_below=tri_lit_below,
         tri_smooth=tri_smooth,
         smooth_frame=triangle_frames(snapshot.tri_normal[smooth].astype(np.float32)),
         maps=NormalMaps.of(snapshot),
@@ -412,6 +413,11 @@ def _deposit(
             flux = flux * factor
     if received is not None:
         flux = flux * gather(received, kept)
+    both = gather(scene.surfaces.tri_both, own.tri).nonzero()[0]
+    if len(both):
+        flux, is_back = flux.copy(), gather(cosine, gather(kept, both)) > 0
+        front, back = scene.surfaces.share_sides(own.tri[both], own.u[both], own.v[both])
+        flux[:, both] *= np.where(is_back, back, front)
     log.deposit(own.tri, own.u, own.v, flux, gather(is_first, kept))
 
 

@@ -140,8 +140,10 @@ def test_sheets_that_are_seen_from_both_sides_are_named():
     wall = replace(quad_mesh("Screen"), vertex=np.array([[0, -1, 0.2], [0, 1, 0.2], [0, 1, 2], [0, -1, 2]], float))
     room = room_mesh("Room", (6.0, 6.0, 5.0))
     picture = replace(quad_mesh("Picture"), vertex=np.array([[-2.98, -1, 0], [-2.98, 1, 0], [-2.98, 1, 1], [-2.98, -1, 1]], float))
-    _, settled = settle(room, wall, picture, lights=[Light("POINT", "Lamp", (1.5, 0.3, 1.0), power_rgb=(100.0,) * 3)])
+    scene, settled = settle(room, wall, picture, lights=[Light("POINT", "Lamp", (1.5, 0.3, 1.0), power_rgb=(100.0,) * 3)])
     assert settled.warnings == (("Screen", OPEN),)
+    paper = tuple(replace(one, through_rgb=(0.3,) * 3) for one in scene.materials)  # its texels show the light of both sides
+    assert settle_sides(replace(scene, materials=paper), AUTOMATIC).warnings == ()
 
 
 def make_wall(x, faces_right):
