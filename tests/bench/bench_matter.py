@@ -49,8 +49,8 @@ each with constants or textures. Glass refracts and reflects by Fresnel's equati
 casts a shadow, and light comes through it as a caustic, by photons, unless the material lets shadow rays pass (*Is Shadow Ray*). Glass
 itself has no lightmap.
 
-Translucent BSDFs send light on to their other side. A texel of such a surface shows the light on its front. Cycles' bake shows there the
-light of both sides, weighted by the colours: of a Translucent BSDF alone that of the back.
+Translucent BSDFs send light on to their other side. A texel of such a surface shows the light of both sides, weighted by the colours as in
+Cycles' bake: of a Translucent BSDF alone that of the back.
 
 Colours of images are multiplied by alpha and interpolated as in Cycles, but for large images, which have its mean. A volume is left out,
 and a warning names it.

@@ -191,6 +191,18 @@ def _beside_a_wall(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[]
     return build
 
 
+def _between_lamps(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[], None]:
+    """The floor itself is of a matter, with a lamp above and another below."""
+
+    def build() -> None:
+        scene = Scene()
+        scene.floor.data.materials[0] = scene.shade("Sheet", make(scene))
+        scene.add_light("AREA", 60.0, (0.4, 0.2, 2.0), size=0.5)
+        scene.add_light("AREA", 150.0, (-0.6, 0.3, -1.5), _TURN_UP, 0.5)
+
+    return build
+
+
 def _closed_room(make: Callable[[Scene], Callable[[Any], Any]]) -> Callable[[], None]:
     """A room of 4 m whose walls and ceiling are of a matter."""
 
@@ -353,6 +365,10 @@ SCENES: dict[str, Callable[[], None]] = {
     ),
     "translucent leaf": _under_a_pane(
         lambda s: s.mix(0.3, s.principled(Base_Color=(0.2, 0.6, 0.1, 1)), s.node("BsdfTranslucent", Color=(0.4, 0.8, 0.1, 1)))
+    ),
+    "light on translucency": _between_lamps(lambda s: s.node("BsdfTranslucent", Color=(0.8, 0.5, 0.3, 1))),
+    "light on half translucency": _between_lamps(
+        lambda s: s.mix(0.5, s.diffuse(0.7, 0.3, 0.2), s.node("BsdfTranslucent", Color=(0.2, 0.8, 0.3, 1)))
     ),
     "lampshade": _around_a_lamp(lambda s: s.mix(0.5, s.diffuse(0.8), s.node("BsdfTranslucent", Color=(0.8, 0.7, 0.5, 1)))),
     "subsurface": _beside_a_wall(lambda s: s.principled(Base_Color=(0.8, 0.5, 0.4, 1), Subsurface_Weight=1.0, Subsurface_Scale=0.02)),
