@@ -18,7 +18,7 @@ from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_footprint import TexelFootprints
 from ..texels.texel_grid import interleave_bits
 from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64, IntArray
-from ..util.geometry import UnitBox, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from ..util.geometry import UnitBox, dot_rows, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from ..util.sampling import to_unit_interval
 from .direct_lights import Aim
 
@@ -101,23 +101,26 @@ class Receivers:
     normal     (n, 3) float32, unit       shading normal
     side       (n, 3) float32, unit       geometric normal; the same array as `normal` if all triangles are flat
     bumped     (n,) bool                  whether the shading normal is from a normal map; None if none is
+    smooth     (n, 3) float32             normal between the corners', which the map has replaced; None if none is from a map
     """
 
     position: Float32
     normal: Float32
     side: Float32
     bumped: BoolArray | None = None
+    smooth: Float32 | None = None
 
     def rows(self, index: IntArray) -> Receivers:
         side = take_rows(self.side, index)
         normal = side if self.normal is self.side else take_rows(self.normal, index)
-        return Receivers(take_rows(self.position, index), normal, side, None if self.bumped is None else self.bumped[index])
+        bumped, smooth = None if self.bumped is None else self.bumped[index], None if self.smooth is None else take_rows(self.smooth, index)
+        return Receivers(take_rows(self.position, index), normal, side, bumped, smooth)
 
     def shade_bumps(self, direction: Float32) -> Float32 | None:
         """(n,) float32 in [0, 1]: share of light from directions (n, 3) that bumps do not hide; None without bumps."""
-        if self.bumped is None:
+        if self.bumped is None or self.smooth is None:
             return None
-        shade = shade_bumps(self.side, self.normal, direction)
+        shade = shade_bumps(self.smooth, self.normal, direction)
         shade[~self.bumped] = 1
         return shade
 
@@ -134,7 +137,8 @@ class Receivers:
         height = (aim.direction * self.side).sum(axis=1)
         sent, position = (aim.weight > 0) & (height > 0), self.position
         if self.normal is not self.side and not aim.of_sky:
-            behind = np.flatnonzero((aim.weight > 0) & (height < 0) & (True if self.bumped is None else ~self.bumped))
+            faces = True if self.smooth is None else dot_rows(self.smooth, aim.direction) > 0
+            behind = np.flatnonzero((aim.weight > 0) & (height < 0) & faces)
             if len(behind):
                 sent[behind], position = True, position.copy()
                 below = -take_rows(self.side, behind)
@@ -240,8 +244,8 @@ class Bumps:
         u, v = weight[0] + a * weight[1] + b * weight[2]
         return u, v
 
-    def put_normals(self, normal: Float32, side: Float32, element: IntArray, a: FloatArray, b: FloatArray) -> None:
-        """Write the maps' normals into normal (3, k, m), at coordinates a, b (k, m) of elements (1 or k, m); side (3, n).
+    def put_normals(self, normal: Float32, element: IntArray, a: FloatArray, b: FloatArray) -> None:
+        """Replace normals (3, k, m), those between the corners', by the maps', at coordinates a, b (k, m) of elements (1 or k, m).
 
         Each point has a normal of its own, since a texel may have many bumps, and the light at their mean normal is not their mean light.
         """
@@ -249,8 +253,9 @@ class Bumps:
         rows = np.flatnonzero(self.bumped[every])
         own = every[rows]
         u, v = self._weigh_corners(own, a.ravel()[rows], b.ravel()[rows])
-        found, of_maps = self.maps.look_up(self.tri[own], u, v, side.take(own, axis=1))
-        normal.reshape(3, -1)[:, rows[found]] = of_maps
+        every_normal = normal.reshape(3, -1)
+        found, of_maps = self.maps.look_up(self.tri[own], u, v, every_normal[:, rows])
+        every_normal[:, rows[found]] = of_maps
 
 
 @dataclass(frozen=True)
@@ -270,12 +275,14 @@ class ReceiverFrames:
     smooth: BoolArray | None
     bumps: Bumps | None = None
 
-    def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32]:
-        """Positions, shading normals and sides, each (3, k, m) or (3, 1, m), at coordinates a, b (k, m) of elements (1 or k, m)."""
+    def at(self, element: IntArray, a: FloatArray, b: FloatArray) -> tuple[Float32, Float32, Float32, Float32]:
+        """Positions, shading normals, sides, and normals without maps, each (3, k, m) or (3, 1, m), at coordinates a, b (k, m) of elements
+        (1 or k, m).
+        """
         side = self.side.take(element, axis=1)
         position = _interpolate(self.position.take(element, axis=2), a, b)
         if self.normal is None or self.smooth is None or not self.smooth[element].any():
-            return position, side, side
+            return position, side, side, side
         normal = _interpolate(self.normal.take(element, axis=2), a, b)
         length = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
         cancelled = length <= _SHORTEST_NORMAL
@@ -283,9 +290,11 @@ class ReceiverFrames:
             length[cancelled] = 1
             normal = np.where(cancelled, side, normal)
         normal /= length
+        smooth = normal
         if self.bumps:
-            self.bumps.put_normals(normal, self.side, element, a, b)
-        return position, normal, side
+            smooth = normal.copy()
+            self.bumps.put_normals(normal, element, a, b)
+        return position, normal, side, smooth
 
 
 def _interpolate(frame: Float32, a: FloatArray, b: FloatArray) -> Float32:
@@ -382,19 +391,22 @@ class TexelChunk:
         """Receivers at points (k, 1 or len(rows), 2) of the unit squares of texels `rows`, ordered by point."""
         shape = (3, len(points), len(rows))
         a, b = (np.broadcast_to(points[..., axis].astype(np.float32, copy=False), shape[1:]) for axis in (0, 1))
-        position, normal, side = self._frames.at(rows[None], a, b)
+        position, normal, side, smooth = self._frames.at(rows[None], a, b)
         part = self._footprints.part[rows]
         torn = np.flatnonzero(part >= 0)
         if len(torn):
             chosen = self._footprints.choose(part[torn], np.broadcast_to(points, (*shape[1:], 2))[:, torn])
-            position[:, :, torn], own_normal, own_side = self._frames.at(*chosen)
+            position[:, :, torn], own_normal, own_side, own_smooth = self._frames.at(*chosen)
             flat = normal is side and own_normal is own_side
+            smooth = _replace_columns(smooth, shape, torn, own_smooth) if self._frames.bumps else smooth
             side = _replace_columns(side, shape, torn, own_side)
             normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
         sides = np.broadcast_to(side, shape).reshape(3, -1).T
         normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
-        bumped = np.tile(self.have_bumps(rows), len(points)) if self._frames.bumps else None
-        return Receivers(position.reshape(3, -1).T, normals, sides, bumped)
+        if not self._frames.bumps:
+            return Receivers(position.reshape(3, -1).T, normals, sides)
+        bumped = np.tile(self.have_bumps(rows), len(points))
+        return Receivers(position.reshape(3, -1).T, normals, sides, bumped, np.broadcast_to(smooth, shape).reshape(3, -1).T)
 
 
 def each_chunk(

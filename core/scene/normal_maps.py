@@ -54,7 +54,7 @@ class NormalMaps:
         """Rows (m,) int64 of those of n points that have a normal from a map, and the normals, (3, m) float32, unit.
 
         tri, u, v   (n,) triangles, and weights of their corners 1 and 2
-        side        (3, n) float32, unit: the normals are turned to this side
+        side        (3, n) float32, unit: normals without maps; those of the maps are turned to their side
         """
         rows = self.has(tri).nonzero()[0]
         own = gather(tri, rows)
@@ -90,21 +90,24 @@ class NormalMaps:
         tangent /= np.maximum(np.sqrt((tangent * tangent).sum(axis=0)), np.float32(1e-30))
         return tangent.astype(np.float32, copy=False)
 
-    def weigh(self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, direction: Float32) -> tuple[Int64, Float32]:
+    def weigh(
+        self, tri: IntArray, u: FloatArray, v: FloatArray, side: Float32, smooth: Float32, direction: Float32
+    ) -> tuple[Int64, Float32]:
         """Rows (m,) int64 of those of n photons that meet a normal map, and factors (m,) float32 on their light.
 
         The factor is the cosine with the map's normal over that with the surface, times the shadowing of bumps. It scales all light that
         leaves the surface diffusely, in any direction.
 
         side        (3, n) float32, unit: normal of the surface on the side that they meet
+        smooth      (3, n) float32, unit: normal between the corners', on the same side
         direction   (3, n) float32, unit: direction of the photons
         Source: Veach 1997, "Robust Monte Carlo methods for light transport simulation", section 5.3.
         """
-        rows, normal = self.look_up(tri, u, v, side)
-        side, toward = gather(side, rows), -gather(direction, rows)
+        rows, normal = self.look_up(tri, u, v, smooth)
+        side, smooth, toward = gather(side, rows), gather(smooth, rows), -gather(direction, rows)
         height = np.maximum((side * toward).sum(axis=0), np.float32(1e-4))
         facing = np.maximum((normal * toward).sum(axis=0), 0)
-        worth: Float32 = facing / height * shade_bumps(side.T, normal.T, toward.T)
+        worth: Float32 = facing / height * shade_bumps(smooth.T, normal.T, toward.T)
         return rows, worth
 
 

@@ -356,8 +356,15 @@ def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], 
     """(n,): factors of normal maps on the arriving light; None if no surface has a map."""
     if scene.maps is None:
         return None
-    side = gather(scene.tri_normal, index) * -np.copysign(np.float32(1), cosine)
-    rows, of_bumps = scene.maps.weigh(index, arrived.u, arrived.v, side, arrived.direction)
+    sign = -np.copysign(np.float32(1), cosine)
+    side = gather(scene.tri_normal, index) * sign
+    smooth, column = side, gather(scene.tri_smooth, index)
+    curved = (column >= 0).nonzero()[0]
+    if len(curved):
+        between = locate_hits(scene.smooth_frame, column[curved], gather(arrived.u, curved), gather(arrived.v, curved))
+        smooth = side.copy()
+        smooth[:, curved] = between * (sign[curved] / np.maximum(np.sqrt(_dot(between, between)), np.float32(1e-6)))
+    rows, of_bumps = scene.maps.weigh(index, arrived.u, arrived.v, side, smooth, arrived.direction)
     worth = np.ones(len(index), np.float32)
     worth[rows] = of_bumps
     return worth

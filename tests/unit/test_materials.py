@@ -308,6 +308,21 @@ def test_direct_light_is_that_on_the_normal_of_the_map(tmp_path, tilt, direct, w
     assert page.mean() == pytest.approx(2.0 * light_at_45_degrees(tilt) / math.pi, rel=within)
 
 
+@pytest.mark.usefixtures("open_image_io")
+@pytest.mark.parametrize(("direct", "within"), [("rays", 2e-3), ("photons", 0.02)])
+@pytest.mark.parametrize("lean", [0.7, 1.2])
+def test_a_map_without_bumps_changes_no_smooth_surface(tmp_path, lean, direct, within):
+    """However far normals between the corners lean from the face: bumps hide light by how far they lean from those."""
+    normal = (math.sin(lean), 0.0, math.cos(lean))
+    scene = tilted_scene((0.5, 0.5, 1.0), (0.5, 0.5, 1.0), lights=[SUN])
+    smooth = replace(scene, tri_normal=np.broadcast_to(np.float32(normal), (2, 3, 3)).copy(), materials=(Material("Plain"),))
+    frame = np.float32([(math.cos(lean), 0.0, -math.sin(lean)), (0.0, 1.0, 0.0), normal])
+    material = Material("Bumpy", normal_image=0, normal_strength=1.0)
+    bumpy = replace(smooth, materials=(material,), tri_tangents=np.broadcast_to(frame, (2, 3, 3, 3)).copy())
+    plain, mapped = (bake_lighting(tmp_path / name, one, direct=direct).mean() for name, one in (("plain", smooth), ("mapped", bumpy)))
+    assert mapped == pytest.approx(plain, rel=within)
+
+
 def light_at_45_degrees(tilt):
     """Of light that comes at 45 degrees, on a normal that is tilted towards it."""
     roughness = min(math.tan(tilt) ** 2 / 8, 1.0)
@@ -319,7 +334,7 @@ def test_photons_bring_what_the_normal_of_the_map_sees(tilt):
     """And leave with that, so that light which bumps hide is not reflected."""
     normal = (math.sin(tilt), 0.0, math.cos(tilt))
     maps, tri, where = NormalMaps.of(tilted_scene(normal, normal)), np.zeros(1, np.int32), np.float32([0.3])
-    rows, worth = maps.weigh(tri, where, where, UP, np.float32([[-math.sqrt(0.5)], [0.0], [-math.sqrt(0.5)]]))
+    rows, worth = maps.weigh(tri, where, where, UP, UP, np.float32([[-math.sqrt(0.5)], [0.0], [-math.sqrt(0.5)]]))
     assert rows.tolist() == [0]
     assert worth * math.sqrt(0.5) == pytest.approx(light_at_45_degrees(tilt), rel=1e-4)
 
