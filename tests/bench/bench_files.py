@@ -9,7 +9,7 @@ References are kept in the cache folder.
 import argparse
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,12 +39,22 @@ class ObjectMeans:
     noise: float
 
 
+def leave_out(subject: Subject, pages: dict[str, np.ndarray], reference: PageReference) -> PageReference:
+    """The reference without objects that Leaflight gives no lightmap, such as those of glass alone."""
+    kept = np.array([name in pages or "" in pages for name in subject.objects], bool)[reference.owner]
+    covered = reference.covered.copy()
+    covered[covered] = kept
+    arrays = {name: getattr(reference, name)[kept] for name in ("first", "second", "owner", "opaque")}
+    return replace(reference, covered=covered, **arrays)
+
+
 def join_pages(subject: Subject, pages: dict[str, np.ndarray], reference: PageReference) -> np.ndarray:
     """(n, 3) float32: Leaflight's light at the texels of a reference, of pages (size, size, 4) of each object, or of all under ""."""
     value = np.zeros_like(reference.first)
     for index, name in enumerate(subject.objects):
         own = reference.owner == index
-        value[own] = pages.get(name, pages.get(""))[reference.covered][own, :3]
+        if own.any():
+            value[own] = pages.get(name, pages.get(""))[reference.covered][own, :3]
     return value
 
 
@@ -162,6 +172,7 @@ def main() -> int:
         subject = find_file(blend, options.cache, options.size)
         pages = bake_leaflight(subject, "--error", options.error, "--time-limit", options.time_limit).pages
         reference = find_reference(subject, "", options.size, options.reference_seconds, 0.005, needs_opaque=True)
+        reference = leave_out(subject, pages, reference)
         value = join_pages(subject, pages, reference)
         objects = compare_objects(subject, value, reference)
         whole = 2 * sum_light(reference, value) / sum(sum_light(reference, seed) for seed in _seeds(reference)) - 1

@@ -1,6 +1,6 @@
 """The zoo: a scene from a seed, for benchmarks that nothing can be tuned to. zoo_plan.py says what is drawn, this builds it with pip's bpy.
 
-python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N]     writes the scene and prints what it is
+python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N] [--matter]     writes the scene and prints what it is
 
 Objects that get a lightmap have the property `zoo_bake`; the scene has `zoo`, a JSON of what a benchmark has to know (see read_subject).
 """
@@ -30,10 +30,17 @@ _SMART_ANGLE_RAD = math.radians(66.0)  # Blender's own default
 _ISLAND_MARGIN = 0.004  # of the unit square, scaled with the islands as Blender does it unless told otherwise
 
 
-def write_scene(seed: int, path: Path, max_size: int = 0, max_triangles: int = 0) -> Plan:
-    """Build the scene of a seed and save it. Needs bpy, whose open scene it replaces."""
+def write_scene(seed: int, path: Path, max_size: int = 0, max_triangles: int = 0, matter: bool = False) -> Plan:
+    """Build the scene of a seed and save it. Needs bpy, whose open scene it replaces.
+
+    matter   whether it gets random matter and a random world, see zoo_matter.py
+    """
     plan = draw_plan(seed, max_size, max_triangles)
     build_scene(plan)
+    if matter:
+        from zoo_matter import dress_scene
+
+        dress_scene(seed)
     import blend_kit
 
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -213,8 +220,10 @@ def main() -> None:
     parser.add_argument("out", type=Path, metavar="OUT.blend")
     parser.add_argument("--max-size", type=int, default=0, help="largest side of the page, texels")
     parser.add_argument("--max-triangles", type=int, default=0)
+    parser.add_argument("--matter", action="store_true", help="with metal, glass, bumps, patterns ... and a random world")
     arguments = parser.parse_args()
-    print(describe(write_scene(arguments.seed, arguments.out, arguments.max_size, arguments.max_triangles)), file=sys.stderr)
+    plan = write_scene(arguments.seed, arguments.out, arguments.max_size, arguments.max_triangles, arguments.matter)
+    print(describe(plan), file=sys.stderr)
 
 
 if __name__ == "__main__":

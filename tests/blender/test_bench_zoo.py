@@ -1,9 +1,13 @@
 """The zoo's benchmark from end to end, on scenes so small that its figures mean nothing."""
 
+from random import Random
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
 import bench_zoo
+import scene_zoo
+import zoo_matter
 from blend_rooms import open_room, save_scene
 
 SMALL = ["--quick", "--max-size", "64", "--reference-seconds", "1", "--budget", "100"]
@@ -21,6 +25,21 @@ def test_a_seed_is_baked_and_held_against_cycles(tmp_path, capfd, seed):
         assert abs(float(row[5].rstrip("%"))) < 10.0
         assert 0 < int(row[9].rstrip("%")) <= 100
     assert list(tmp_path.glob("*/reference_*.npz"))
+
+
+def test_matter_is_drawn_by_the_seed(tmp_path):
+    """And all kinds can be made in this Blender."""
+    drawn = []
+    for name in ("one", "two"):
+        scene_zoo.write_scene(7, tmp_path / f"{name}.blend", 64, 1000, matter=True)
+        trees = [(one.name, sorted(node.bl_idname for node in one.node_tree.nodes)) for one in bpy.data.materials if one.node_tree]
+        drawn.append((trees, bpy.context.scene.world.name))
+    assert drawn[0] == drawn[1]
+    assert drawn[0][1] == "Random World"
+    tree = bpy.data.materials.new("All")
+    tree.use_nodes = True
+    for make in zoo_matter.KINDS.values():
+        assert make(zoo_matter.Painter(tree.node_tree, Random(1))).outputs[0].type == "SHADER"
 
 
 @pytest.mark.slow
