@@ -19,7 +19,7 @@ from .srgb_filtering import multiply_alpha, refine_srgb
 
 MAX_TEXTURE_SIDE_TEXELS = 4096
 _MOST_REFINED = 1 << 24  # texels of all images that are refined
-_SHARPEST = 4  # a whole image on a page has 1 / 4 of the texels a side that are read of it: finer ones are not told apart there
+_SHARPEST = 4  # times as many texels a side are read of an image as a page has; a finer image than the page is not refined
 _EXTENSIONS = ("REPEAT", "EXTEND", "CLIP", "MIRROR")
 _LEAST_DARKER = 0.002  # the light between pixels that is cared for
 _APART = ("CHANNEL_PACKED", "NONE")  # of colours that alpha has nothing to do with

@@ -23,7 +23,7 @@ _SIDES = [
     ("SCENE", "As Scene", "As it is chosen for all objects"),
     ("AUTOMATIC", "Automatic", "The front, or the back where the front looks into a solid"),
     ("FRONT", "Front", "The light on the front of each face, to which its normal points"),
-    ("BOTH", "Both", "The light on both sides added up, as for leaves and paper"),
+    ("BOTH", "Both", "The light on both sides added up, as for leaves and paper without a Translucent BSDF"),
 ]
 
 

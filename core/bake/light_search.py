@@ -75,7 +75,7 @@ class LightSearch:
             light = settle_direct(run.folder, texels, self.tri_object, settings, self.executor, direct, run.tell, run.should_stop, deadline)
         light, lost = state_lost(light, settings)
         run.warn(lost)
-        if not is_shot:  # photons of few rounds do not tell how much their leaves blur
+        if not is_shot:  # the variance of photons does not include the bias of coarse leaves
             light = replace(light, error=math.nan, object_error={})
             run.warn([("", _COARSE)] if light.stopped_by == "time_limit" else [])
         return light, solver if is_shot else None

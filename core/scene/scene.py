@@ -247,6 +247,11 @@ class SceneSnapshot:
         return self.vertex_position[self.tri_vertex]
 
     @property
+    def tri_translucent(self) -> BoolArray:
+        """(n_tri,) bool: triangles from which light leaves diffusely on the other side too."""
+        return np.array([any(one.through_rgb) for one in self.materials], bool)[self.tri_material]
+
+    @property
     def first_tri(self) -> Int64:
         """(n_object + 1,) int64: triangles of object i are first_tri[i]:first_tri[i + 1]."""
         return np.searchsorted(self.tri_object, np.arange(len(self.objects) + 1))

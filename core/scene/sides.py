@@ -72,8 +72,9 @@ def settle_sides(snapshot: SceneSnapshot, sides: str) -> SettledSides:
     is_turned, is_open, is_behind = _decide_sides(probe, parts)
     is_turned = _agree(snapshot, parts, is_turned)
     turned[tri] = is_turned[parts.tri_part]
-    is_translucent = np.array([any(one.through_rgb) for one in snapshot.materials], bool)[snapshot.tri_material[tri]]
-    shows_front = np.bincount(parts.tri_part, is_translucent, len(parts)) == 0  # translucent faces show the light of both sides
+    shows_front = (
+        np.bincount(parts.tri_part, snapshot.tri_translucent[tri], len(parts)) == 0
+    )  # translucent faces show the light of both sides
     is_open, is_behind = is_open & shows_front, is_behind & shows_front
     warnings = [
         *((snapshot.objects[i].name, TURNED) for i in np.unique(parts.part_object[is_turned])),

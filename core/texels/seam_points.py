@@ -57,8 +57,8 @@ def find_seams(snapshot: SceneSnapshot, tri_chart: Int32, tri_uv: Float64, tri_p
     smooth = _are_near(normal[start], normal[other_start], _SAME_NORMAL) & _are_near(normal[end], normal[other_end], _SAME_NORMAL)
     smooth &= _are_near(flat[start // 3], flat[other_start // 3], _SHARPEST)
     two_sided = np.array([one.two_sided for one in snapshot.objects], bool)[snapshot.tri_object]
-    two_sided |= np.array([any(one.through_rgb) for one in snapshot.materials], bool)[snapshot.tri_material]
-    smooth &= two_sided[start // 3] == two_sided[other // 3]
+    shows_both = two_sided | snapshot.tri_translucent
+    smooth &= shows_both[start // 3] == shows_both[other // 3]
     ends = np.stack([[start, end], [other_start, other_end]])[:, :, smooth]  # side, end, edge
     uv = tri_uv.reshape(-1, 2)[ends]
     length = np.linalg.norm(uv[:, 1] - uv[:, 0], axis=2).max(axis=0)

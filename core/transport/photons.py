@@ -359,7 +359,7 @@ def _weigh_bumps(scene: TraceScene, arrived: Arrivals, index: NDArray[np.intp], 
     sign = -np.copysign(np.float32(1), cosine)
     side = gather(scene.tri_normal, index) * sign
     smooth, column = side, gather(scene.tri_smooth, index)
-    curved = (column >= 0).nonzero()[0]
+    curved = ((column >= 0) & scene.maps.has(index)).nonzero()[0]
     if len(curved):
         between = locate_hits(scene.smooth_frame, column[curved], gather(arrived.u, curved), gather(arrived.v, curved))
         smooth = side.copy()
@@ -420,7 +420,7 @@ def _deposit(
             flux = flux * factor
     if received is not None:
         flux = flux * gather(received, kept)
-    both = gather(scene.surfaces.tri_both, own.tri).nonzero()[0]
+    both = gather(scene.surfaces.tri_both, own.tri).nonzero()[0] if scene.surfaces.has_through else np.zeros(0, np.intp)
     if len(both):
         flux, is_back = flux.copy(), gather(cosine, gather(kept, both)) > 0
         front, back = scene.surfaces.share_sides(own.tri[both], own.u[both], own.v[both])

@@ -113,6 +113,10 @@ def test_the_object_that_errs_most_is_named_where_it_errs_more_than_the_whole(er
     assert describe_error({"estimated_error": error, "error_of": error_of, "objects": rows}) == lines
 
 
+def test_an_error_that_is_not_known_is_no_number():
+    assert describe_error({"estimated_error": math.nan, "error_of": "bake", "objects": []}) == ["Error not known"]
+
+
 # Sentences of the panel and what each is about.
 def test_warnings_about_many_objects_are_one_sentence():
     told = [("A", "has no faces"), *((name, f"{name}: is too small.") for name in "ABCDEA"), ("", "the sky is dark.")]
