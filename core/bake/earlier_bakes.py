@@ -1,4 +1,4 @@
-"""Use of earlier bakes' notes: whose images a bake would overwrite, and which old pages it leaves behind."""
+"""Use of earlier bakes' notes: whose images a bake must not overwrite, and which old pages it leaves behind."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def _is_another(blend: Path | None, job: Job) -> bool:
     return blend is not None and blend.is_file() and blend != (Path(job.blend).resolve() if job.blend else None)
 
 
-def describe_others(job: Job, names: Sequence[str]) -> list[str]:
-    """A sentence for each other .blend whose images would be overwritten."""
-    return [
-        f"Another file's lightmaps are in this folder and would be overwritten: {name_some(held)} in {job.output}, of {blend}; "
-        "choose another output folder, or bake that file again into one of its own"
-        for blend, held in find_others(job, names).items()
-    ]
+def refuse_others(job: Job, names: Sequence[str]) -> None:
+    """Raises ValueError with a sentence if images of another .blend would be overwritten."""
+    for blend, held in find_others(job, names).items():
+        raise ValueError(
+            f"{blend.name} has its lightmaps in this folder, and this bake would overwrite {name_some(held)} in {job.output}. "
+            "Choose another folder; or delete these images first, if that file no longer needs them."
+        )
 
 
 def find_left_over(job: Job, files: Sequence[PageFile], page_count: int) -> list[str]:

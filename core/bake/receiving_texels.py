@@ -56,7 +56,8 @@ def lay_out(
 
     kept         charts of an earlier bake; new ones are added and kept for the next bake, also if this one is stopped
     tri_turned   (n_tri,) bool: triangles whose corners are in another order than in Blender, see sides
-    Raises ValueError with a sentence if there are no charts, or if they do not fit on the pages.
+    Raises ValueError with a sentence if there are no charts, if they do not fit on the pages, or if images of another .blend
+    would be overwritten.
     """
     with run.stage(chart_search.UNWRAPPING):
         is_whole = False
@@ -73,8 +74,7 @@ def lay_out(
         layout["tri_uv"] = tri_uv if tri_turned is None else swap_corners(tri_uv, tri_turned)
         save_whole(run.folder / LAYOUT_FILE, layout)
         run.warn(atlas.warnings)
-        for text in earlier_bakes.describe_others(run.job, pages.list_names(run.job, snapshot, atlas)):
-            run.tell(Warning_("", text))  # now, while one can still stop; not in the note, since a reused bake overwrites nothing
+        earlier_bakes.refuse_others(run.job, pages.list_names(run.job, snapshot, atlas))
     return atlas
 
 

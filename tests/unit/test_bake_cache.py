@@ -249,27 +249,25 @@ def test_a_note_that_names_files_elsewhere_is_not_followed(run, tmp_path):
     assert [list(bake.files) for bake in read_notes(tmp_path / "images")] == [PAGES[:2]]
 
 
-def test_images_of_another_blend_that_are_written_over_are_told_before_there_is_light(run, tmp_path):
+def test_images_of_another_blend_are_not_overwritten(run, tmp_path):
     run(LARGE)
-    _, messages = run(blend="copy.blend")
-    images, blend = tmp_path / "images", tmp_path / "room.blend"
-    assert len(list_warnings(messages)) == 1
-    assert f"would be overwritten: {PAGES[0]} in {images}, of {blend}; choose another" in list_warnings(messages)[0]
-    told = next(i for i, message in enumerate(messages) if isinstance(message, Warning_))
-    assert isinstance(messages[told + 1], Status)
-    assert messages[told + 1].stage == "texels"
+    before = {name: (tmp_path / "images" / name).read_bytes() for name in PAGES}
+    (tmp_path / "copy.blend").touch()
+    with pytest.raises(ValueError, match=rf"^room.blend has its lightmaps in this folder.* {PAGES[0]} in {tmp_path}/images. Choose another"):
+        run(blend="copy.blend")
+    assert {name: (tmp_path / "images" / name).read_bytes() for name in PAGES} == before
+    (tmp_path / "images" / PAGES[0]).unlink()
+    assert list_warnings(run(blend="copy.blend")[1]) == [], "it has been deleted, so there is nothing to lose"
+    with pytest.raises(ValueError, match=r"^copy.blend has its lightmaps"):
+        run()
 
 
 def test_names_of_single_objects_are_alike_in_two_blends(run, tmp_path):
-    """Each has a note of its own, and what has been written over is the first one's no more."""
     single = replace(SPARSE, atlas=False)
-    (tmp_path / "copy.blend").touch()
     run(single)
-    told = list_warnings(run(replace(single, density=9.0), "copy", "copy.blend")[1])
-    assert len(told) == 1
-    assert ": Quad 0.combined.exr, Quad 1.combined.exr, Quad 2.combined.exr in " in told[0]
-    assert list_warnings(run(replace(single, density=8.0), "copy", "copy.blend")[1]) == []
-    assert "copy.blend" in list_warnings(run(single)[1])[0]
+    (tmp_path / "copy.blend").touch()
+    with pytest.raises(ValueError, match=r"overwrite Quad 0.combined.exr, Quad 1.combined.exr, Quad 2.combined.exr in "):
+        run(single, "copy", "copy.blend")
 
 
 @pytest.mark.parametrize("blends", [("room.blend", "room.blend"), ("gone.blend", "room.blend"), ("sub/../room.blend", "room.blend")])
