@@ -1,6 +1,6 @@
 """The zoo: a scene from a seed, for benchmarks that nothing can be tuned to. zoo_plan.py says what is drawn, this builds it with pip's bpy.
 
-python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N] [--matter]     writes the scene and prints what it is
+python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N] [--dress WHAT ...]     writes the scene and prints what it is
 
 Objects that get a lightmap have the property `zoo_bake`; the scene has `zoo`, a JSON of what a benchmark has to know (see read_subject).
 """
@@ -10,7 +10,9 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from zoo_scene import Lamp, Paint, Plan, Rect, Thing, describe
 from zoo_shapes import Part, build_shape
 
 BAKED, ABOUT = "zoo_bake", "zoo"
+DRESS = ("lamps", "matter", "casters")
 TEXTURE_LAYER, LIGHTMAP_LAYER = "UVMap", "Lightmap"
 _TEXTURE_SIDE = 128  # texels
 _METRES_PER_REPEAT = 1.3
@@ -30,22 +33,38 @@ _SMART_ANGLE_RAD = math.radians(66.0)  # Blender's own default
 _ISLAND_MARGIN = 0.004  # of the unit square, scaled with the islands as Blender does it unless told otherwise
 
 
-def write_scene(seed: int, path: Path, max_size: int = 0, max_triangles: int = 0, matter: bool = False) -> Plan:
+def write_scene(seed: int, path: Path, max_size: int = 0, max_triangles: int = 0, dress: Sequence[str] = ()) -> Plan:
     """Build the scene of a seed and save it. Needs bpy, whose open scene it replaces.
 
-    matter   whether it gets random matter and a random world, see zoo_matter.py
+    dress    of DRESS: "matter", random matter and a random world, see zoo_matter.py; "casters" and "lamps", see zoo_dress.py
     """
     plan = draw_plan(seed, max_size, max_triangles)
+    if dress:
+        plan = replace(plan, joined=False)  # what is off is found by object
     build_scene(plan)
-    if matter:
-        from zoo_matter import dress_scene
-
-        dress_scene(seed)
+    if dress:
+        for what in dress_scene(plan, dress):
+            print(what, file=sys.stderr)
     import blend_kit
 
     path.parent.mkdir(parents=True, exist_ok=True)
     blend_kit.save(path)
     return plan
+
+
+def dress_scene(plan: Plan, dress: Sequence[str]) -> list[str]:
+    """Give the open scene what files of artists have beside; a line of what was drawn for each of `dress`."""
+    import bpy
+    import zoo_dress
+    import zoo_matter
+
+    baked = [obj for obj in bpy.context.scene.objects if obj.get(BAKED)]
+    drawn = {
+        "lamps": lambda random: zoo_dress.dress_lamps(random, baked),
+        "matter": zoo_matter.dress_scene,
+        "casters": lambda random: zoo_dress.add_casters(random, plan.rooms[0], plan.height),
+    }
+    return [f"{what}: {', '.join(drawn[what](Random(f'{what} {plan.seed}')))}" for what in DRESS if what in dress]
 
 
 def build_scene(plan: Plan) -> None:
@@ -220,9 +239,11 @@ def main() -> None:
     parser.add_argument("out", type=Path, metavar="OUT.blend")
     parser.add_argument("--max-size", type=int, default=0, help="largest side of the page, texels")
     parser.add_argument("--max-triangles", type=int, default=0)
-    parser.add_argument("--matter", action="store_true", help="with metal, glass, bumps, patterns ... and a random world")
+    parser.add_argument(
+        "--dress", nargs="+", default=(), choices=DRESS, help="with lamps with nodes, metal and patterns and a world, curves and hair ..."
+    )
     arguments = parser.parse_args()
-    plan = write_scene(arguments.seed, arguments.out, arguments.max_size, arguments.max_triangles, arguments.matter)
+    plan = write_scene(arguments.seed, arguments.out, arguments.max_size, arguments.max_triangles, arguments.dress)
     print(describe(plan), file=sys.stderr)
 
 

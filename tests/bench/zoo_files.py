@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from scene_zoo import LIGHTMAP_LAYER, unwrap_smart
+from scene_zoo import BAKED, LIGHTMAP_LAYER, unwrap_smart
 from zoo_reference import SCENE, Subject
 
 _MOST_OBJECTS = 60
@@ -23,7 +23,7 @@ def choose_objects() -> list[Any]:
 
     found = []
     for obj in find_render_objects(bpy.context.view_layer):
-        if obj.type != "MESH" or not obj.visible_get() or obj.library:
+        if obj.type != "MESH" or not obj.visible_get() or obj.library or obj.get(BAKED) is False:
             continue
         scale = abs(obj.matrix_world.determinant()) ** (2.0 / 3.0)
         area = scale * sum(polygon.area for polygon in obj.data.polygons)

@@ -86,11 +86,11 @@ KINDS: dict[str, Callable[[Painter], Any]] = {
 }
 
 
-def dress_scene(seed: int) -> list[str]:
-    """Give the open scene random matter, by a seed; the kinds that were drawn, in the order of the objects. What glows stays."""
+def dress_scene(random: Random) -> list[str]:
+    """Give the open scene random matter; the kinds that were drawn, in the order of the objects. What glows stays."""
     import bpy
 
-    random, drawn = Random(seed), []
+    drawn = []
     for obj in sorted(bpy.context.scene.objects, key=lambda one: one.name):
         for slot in obj.material_slots:
             if slot.material is None or _glows(slot.material) or random.random() > _SHARE:
