@@ -31,6 +31,7 @@ NO_OWNER = -1
 _WINDOWS = ((10_000, 8), (80_000, 4), (math.inf, 2))
 _FIRST_SAMPLES = 32
 _LEAST_COLOR = 1e-4  # of what reflects diffusely
+_MAKING = 2  # raised where references are made in another way, so that older ones in a cache are void
 _SEEDS_APART = 100_000  # of batches; windows within one are 100 apart
 
 
@@ -137,7 +138,7 @@ def find_reference(subject: Subject, layout: str, side: int, seconds: float, noi
 
 def reference_path(subject: Subject, layout: str, side: int) -> Path:
     """Where the reference is kept; see find_reference."""
-    key = hashlib.sha256(f"{layout} {subject.size} {side}".encode()).hexdigest()[:12]
+    key = hashlib.sha256(f"{layout} {subject.size} {side} {_MAKING}".encode()).hexdigest()[:12]
     return subject.folder / f"reference_{key}.npz"
 
 
