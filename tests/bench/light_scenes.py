@@ -244,6 +244,31 @@ def _leaf() -> None:
     _add_block(scene.shade("White", scene.diffuse(0.8)), 0.5)
 
 
+def _hill(glow: float) -> Callable[[], None]:
+    """The floor is a coarse hill with smooth normals, below a low sun; or it glows, below a block."""
+
+    def build() -> None:
+        scene = Scene()
+        corner = np.linspace(-1, 1, 6)
+        mesh = bpy.data.meshes.new("Hill")
+        points = [(2 * x, 2 * y, 0.6 * (1 - x * x) * (1 - y * y)) for y in corner for x in corner]
+        mesh.from_pydata(points, [], [(k, k + 1, k + 7, k + 6) for k in range(30) if k % 6 < 5])
+        mesh.uv_layers.new(name="UVMap").uv.foreach_set(
+            "vector", np.array([mesh.vertices[loop.vertex_index].co[:2] for loop in mesh.loops]).ravel() / 4 + 0.5
+        )
+        mesh.shade_smooth()
+        mesh.materials.append(scene.floor.material_slots[0].material)
+        scene.floor.data = mesh
+        if glow:
+            glowing = scene.principled(Base_Color=(0.5, 0.5, 0.5, 1.0), Emission_Color=(1.0, 0.8, 0.6, 1.0), Emission_Strength=glow)
+            mesh.materials[0] = scene.shade("Glow", glowing)
+            _add_block(scene.shade("White", scene.diffuse(0.8)))
+        else:
+            scene.add_light("SUN", 3.0, (0, 0, 5), (1.25, 0, 0.5), 0.0)
+
+    return build
+
+
 def _particles(kind: str) -> Callable[[], None]:
     """Hair on a small square, or balls around it."""
 
@@ -303,6 +328,8 @@ SCENES: dict[str, Callable[[], None]] = {
     "noise": _beside_colours(lambda s: s.node("BsdfDiffuse", Color=_noise)),
     "normal map": _bumpy_floor,
     "normals of a leaf": _leaf,
+    "low sun on a coarse hill": _hill(0.0),
+    "glow of a smooth hill": _hill(0.3),
     "hair": _particles("HAIR"),
     "particles": _particles("OBJECT"),
     "curve, text, metaball": _curves,

@@ -1,6 +1,6 @@
 """The zoo: a scene from a seed, for benchmarks that nothing can be tuned to. zoo_plan.py says what is drawn, this builds it with pip's bpy.
 
-python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N] [--dress WHAT ...]     writes the scene and prints what it is
+python tests/bench/scene_zoo.py SEED OUT.blend [--max-size N] [--max-triangles N] [--dress WHAT ...]     writes it, prints what it is
 
 Objects that get a lightmap have the property `zoo_bake`; the scene has `zoo`, a JSON of what a benchmark has to know (see read_subject).
 """

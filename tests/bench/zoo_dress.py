@@ -1,4 +1,4 @@
-"""What files of artists have beside meshes and plain lamps: casters of every kind, lamps with nodes, light links and odd transforms. Needs bpy.
+"""What artists' files have beside meshes and plain lamps: casters of every kind, lamps with nodes, links and odd transforms. Needs bpy.
 
 The casters are not baked: what they cast on the rest is what is compared (they have `zoo_bake` False).
 """

@@ -13,7 +13,7 @@ from leaflight.core.bake.checkpoint import INFO_FILE
 from leaflight.core.bake.earlier_bakes import find_others, read_notes
 from leaflight.core.scene.scene import Light, Material
 from leaflight.core.util.job import LAYOUT_FILE, RESULT_FILE, Job
-from leaflight.core.util.messages import Status, Warning_
+from leaflight.core.util.messages import Warning_
 from leaflight.core.util.settings import Settings
 from scenes import make_scene, moved, quad_mesh
 
@@ -253,7 +253,9 @@ def test_images_of_another_blend_are_not_overwritten(run, tmp_path):
     run(LARGE)
     before = {name: (tmp_path / "images" / name).read_bytes() for name in PAGES}
     (tmp_path / "copy.blend").touch()
-    with pytest.raises(ValueError, match=rf"^room.blend has its lightmaps in this folder.* {PAGES[0]} in {tmp_path}/images. Choose another"):
+    with pytest.raises(
+        ValueError, match=rf"^room.blend has its lightmaps in this folder.* {PAGES[0]} in {tmp_path}/images. Choose another"
+    ):
         run(blend="copy.blend")
     assert {name: (tmp_path / "images" / name).read_bytes() for name in PAGES} == before
     (tmp_path / "images" / PAGES[0]).unlink()
