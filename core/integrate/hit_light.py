@@ -62,7 +62,7 @@ class HitLight:
             places = square_to_cosine_hemisphere(rng.random((len(tri), 2), np.float32))
             direction = rotate_to(places, receivers.normal).astype(np.float32)
             one = np.ones(len(tri), np.float32)
-            seen = receivers.see(scene.rays, Aim(direction, INFINITE * one, one, one, of_sky=True))
+            seen = receivers.see(scene.rays, Aim(direction, INFINITE * one, one, one, by_chance=True))
             light += seen.times(math.pi * scene.environment.environment.look_up(direction).astype(np.float64))
             traced += seen.rays
         return light, traced

@@ -130,7 +130,7 @@ class EnvironmentLight:
         direction, cell, density = self._table.choose(patch, rest)
         cosine = np.maximum(dot_rows(direction, receivers.normal), 0)
         per_radiance = np.divide(cosine, chance * density, out=np.zeros(len(cell), np.float32), where=density > 0, casting="same_kind")
-        aim = Aim(direction, np.full(len(cell), INFINITE), per_radiance, per_radiance, of_sky=True)
+        aim = Aim(direction, np.full(len(cell), INFINITE), per_radiance, per_radiance, by_chance=True)
         seen = receivers.see(rays, aim)
         at = block * len(self._table.power) + patch
         for counts, weights in ((self._shot, per_radiance > 0), (self._lit, seen.share)):

@@ -32,14 +32,14 @@ class Aim:
     distance    (n,) float32   in lengths of the direction
     share       (n,) float32   the ray's part in the closed form: their mean over all rays is the closed form
     weight      (n,) float32   share times what the closed form leaves out: a spot's cone, an area light's spread
-    of_sky      whether they go to the sky
+    by_chance   whether they go to what rays in random directions meet too, the sky or a surface: then none start behind a face
     """
 
     direction: Float32
     distance: Float32
     share: Float32
     weight: Float32
-    of_sky: bool = False
+    by_chance: bool = False
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ class TriangleSource(Source):
         first, second, third = self.corners[:, 0], self.corners[:, 1], self.corners[:, 2]
         side = np.where(dot_rows(position - first, self.normal) >= 0, 1, -1).astype(np.float32)[:, None] * self.normal
         target = _combine(weight, second - first, third - first) + first + np.float32(ORIGIN_OFFSET) * side
-        return _aim_at(target, position, normal, side, self.area)
+        return replace(_aim_at(target, position, normal, side, self.area), by_chance=True)
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class WorldSource(Source):
     def aim(self, position: Float32, normal: Float32, u: Float32) -> Aim:
         one = np.ones(len(u), np.float32)
         share = one * np.float32(math.pi)
-        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * INFINITE, share, share, of_sky=True)
+        return Aim(rotate_to(square_to_cosine_hemisphere(u), normal).astype(np.float32), one * INFINITE, share, share, by_chance=True)
 
 
 def make_lamps(lights: Iterable[Light], unit_box: UnitBox, profiles: Sequence[Float32]) -> list[Source]:

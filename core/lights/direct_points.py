@@ -18,9 +18,9 @@ from ..scene.shadow_rays import ShadowRays, Sight
 from ..texels.texel_footprint import TexelFootprints
 from ..texels.texel_grid import interleave_bits
 from ..util.arrays import BoolArray, Float32, FloatArray, Int32, Int64, IntArray
-from ..util.geometry import UnitBox, dot_rows, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
+from ..util.geometry import ORIGIN_OFFSET, UnitBox, dot_rows, locate_hits, offset_origin, take_rows, triangle_frames, triangle_normals_areas
 from ..util.sampling import to_unit_interval
-from .direct_lights import Aim
+from .direct_lights import INFINITE, Aim
 
 # Source: Gauss-Legendre, two points a side; their mean is exact for cubic polynomials.
 GAUSS_POINTS = np.array([[[x, y]] for y in (-1, 1) for x in (-1, 1)]) * math.sqrt(1 / 12) + 0.5
@@ -31,6 +31,8 @@ MOST_TEXELS = 2**15
 _RAYS_AT_ONCE = 2**15  # fits the cache
 _SMOOTH_DEVIATION = 1e-3  # corner normals nearer to the geometric normal than this are flat shading
 _SHORTEST_NORMAL = 1e-6
+# Cosine to a smooth face below which rays skim it, and up to twice of which they are moved in part. Source: Cycles' default.
+_SKIMMING = np.float32(0.1)
 _LEAST_ALBEDO = 1e-9  # where all of a texel is black its points are equally likely
 
 
@@ -102,6 +104,7 @@ class Receivers:
     side       (n, 3) float32, unit       geometric normal; the same array as `normal` if all triangles are flat
     bumped     (n,) bool                  whether the shading normal is from a normal map; None if none is
     smooth     (n, 3) float32             normal between the corners', which the map has replaced; None if none is from a map
+    places     on their triangles; None if all of these are flat
     """
 
     position: Float32
@@ -109,12 +112,14 @@ class Receivers:
     side: Float32
     bumped: BoolArray | None = None
     smooth: Float32 | None = None
+    places: SmoothPlaces | None = None
 
     def rows(self, index: IntArray) -> Receivers:
         side = take_rows(self.side, index)
         normal = side if self.normal is self.side else take_rows(self.normal, index)
         bumped, smooth = None if self.bumped is None else self.bumped[index], None if self.smooth is None else take_rows(self.smooth, index)
-        return Receivers(take_rows(self.position, index), normal, side, bumped, smooth)
+        places = None if self.places is None else self.places.rows(index)
+        return Receivers(take_rows(self.position, index), normal, side, bumped, smooth, places)
 
     def shade_bumps(self, direction: Float32) -> Float32 | None:
         """(n,) float32 in [0, 1]: share of light from directions (n, 3) that bumps do not hide; None without bumps."""
@@ -125,28 +130,94 @@ class Receivers:
         return shade
 
     def see(self, rays: ShadowRays, aim: Aim) -> Sight:
-        """Transmittance along rays; 0 for directions to the sky behind the face, or hidden by a bump.
+        """Transmittance along rays; 0 for directions behind the face, but for those to lamps, or hidden by a bump.
 
-        Corners' normals may face a lamp that stands behind the face, as those of leaves do that are shaded like a ball. Cycles lights such
-        a face, where nothing else is between: rays toward lamps start behind it.
+        Rays that skim a face whose corners' normals differ start on the smooth surface through the corners, so that a coarse mesh has no
+        hard steps at its shadow line. Where that surface is flat, corners' normals may still face a lamp that stands behind the face, as
+        those of leaves do that are shaded like a ball; then rays start behind the face. Neither holds for the sky and for emitting meshes,
+        which Cycles finds by rays in random directions, too, and these end at the face.
+        Source: Cycles, "Shadow Terminator: Geometry Offset" of the Blender manual; see SmoothPlaces.lift.
         """
         sight, shade = self._see_all(rays, aim), self.shade_bumps(aim.direction)
         return sight if shade is None else sight.dim(shade)
 
     def _see_all(self, rays: ShadowRays, aim: Aim) -> Sight:
         height = (aim.direction * self.side).sum(axis=1)
-        sent, position = (aim.weight > 0) & (height > 0), self.position
-        if self.normal is not self.side and not aim.of_sky:
-            faces = True if self.smooth is None else dot_rows(self.smooth, aim.direction) > 0
-            behind = np.flatnonzero((aim.weight > 0) & (height < 0) & faces)
-            if len(behind):
-                sent[behind], position = True, position.copy()
-                below = -take_rows(self.side, behind)
-                position[behind] = offset_origin(offset_origin(take_rows(position, behind), below), below)
+        # Ends in the receiver's own plane, as on an emitting face itself, are not above it, though both ends have an offset.
+        least = np.float32(3 * ORIGIN_OFFSET) if aim.by_chance else np.float32(0)
+        sent = (aim.weight > 0) & (height > least)
+        position, direction, distance = self.position, aim.direction, aim.distance
+        if self.places is not None and not aim.by_chance:
+            rows, lifted = self._lift(aim, height)
+            if len(rows):
+                sent[rows], position, direction, distance = True, position.copy(), direction.copy(), distance.copy()
+                position[rows] += lifted
+                near = distance[rows] < INFINITE  # the end of the ray stays where it is
+                direction[rows[near]] = direction[rows[near]] * distance[rows[near], None] - lifted[near]
+                distance[rows[near]] = 1
         live = np.flatnonzero(sent)
         if len(live) == len(sent):
-            return rays.see(position, aim.direction, aim.distance)
-        return rays.see(take_rows(position, live), take_rows(aim.direction, live), aim.distance[live]).place(live, len(sent))
+            return rays.see(position, direction, distance)
+        return rays.see(take_rows(position, live), take_rows(direction, live), distance[live]).place(live, len(sent))
+
+    def _lift(self, aim: Aim, height: Float32) -> tuple[IntArray, Float32]:
+        """Rays (m,) that skim smooth faces or go behind them, and how far their origins move, (m, 3) in the unit box.
+
+        height   (n,) float32: of the ends of the directions over the face
+        """
+        assert self.places is not None
+        normal = self.normal if self.smooth is None else self.smooth
+        length = np.sqrt(np.maximum(dot_rows(aim.direction, aim.direction), np.float32(1e-30)))
+        over, facing = height / length, dot_rows(normal, aim.direction) / length
+        share = np.where(facing < _SKIMMING, 2 - (over + facing) / _SKIMMING, 1 - over / _SKIMMING)
+        rows = np.flatnonzero((aim.weight > 0) & (facing > 0) & (share > 0))
+        lifted = self.places.lift(rows) * np.minimum(share[rows], np.float32(1))[:, None]
+        is_flat = (over[rows] < 0) & (dot_rows(lifted, lifted) <= np.float32(ORIGIN_OFFSET) ** 2)
+        lifted[is_flat] = np.float32(-2 * ORIGIN_OFFSET) * take_rows(self.side, rows[is_flat])
+        return rows, lifted
+
+
+@dataclass(frozen=True)
+class SmoothPlaces:
+    """Places (n,) on triangles (n,), at weights u, v (n,) float32 of corners 1 and 2.
+
+    faces   1, or -1 on the backs of the triangles
+    """
+
+    surfaces: ReceivingSurfaces
+    tri: IntArray
+    u: Float32
+    v: Float32
+    faces: int
+
+    def rows(self, index: IntArray) -> SmoothPlaces:
+        return SmoothPlaces(self.surfaces, self.tri[index], self.u[index], self.v[index], self.faces)
+
+    def lift(self, index: IntArray) -> Float32:
+        """(m, 3) float32, unit box: from places (m,) to the smooth surface through the corners of their triangles.
+
+        Its height along the normal is a parabola's, whose slopes at the corners are those of the normals there, or half of that where it
+        would rise above the planes at the corners.
+        Source: Cycles' kernel, light/sample.h, of Blender 4.5; Hanika 2021, "Hacking the shadow terminator" (Ray Tracing Gems II, ch. 4).
+        """
+        tri, second, third = self.tri[index], self.u[index], self.v[index]
+        first = 1 - second - third
+        corner = np.moveaxis(self.surfaces.corner_unit[tri], 1, 0)
+        normal = np.moveaxis(self.surfaces.shading_normal[tri], 1, 0) * np.float32(self.faces)
+        weight = np.stack([first, second, third])[:, :, None]
+        place, between = (weight * corner).sum(axis=0), (weight * normal).sum(axis=0)
+
+        def slope(start: int, end: int) -> Float32:
+            return dot_rows(normal[end] - normal[start], corner[start] - corner[end])
+
+        by_third, by_second, by_both = slope(0, 2), slope(1, 2), slope(1, 0)
+        height = by_third * first * (first - 1) + (by_third + by_second + by_both) * first * second + by_second * second * (second - 1)
+        ceiling = np.full(len(tri), np.inf, np.float32)
+        for own in range(3):
+            rise = [dot_rows(corner[other] - corner[own], normal[own]) for other in range(3) if other != own]
+            ceiling = np.minimum(ceiling, np.maximum(dot_rows(corner[own] - place, normal[own]) + np.maximum(np.maximum(*rise), 0), 0))
+        out: Float32 = between * np.maximum(ceiling, height / 2)[:, None]
+        return out
 
 
 @dataclass(frozen=True)
@@ -318,7 +389,7 @@ class TexelChunk:
 
     def __init__(self, footprints: TexelFootprints, shift: NDArray[np.uint32], surfaces: ReceivingSurfaces, flip: bool) -> None:
         self._footprints, self._shift, self._frames = footprints, shift, surfaces.follow(footprints, flip)
-        self._materials, self._flip = surfaces.surfaces, flip
+        self._surfaces, self._materials, self._flip = surfaces, surfaces.surfaces, flip
         self._patterned = surfaces.tri_patterned[self.tri]  # texels whose points are chosen by their albedo
 
     def __len__(self) -> int:
@@ -401,12 +472,26 @@ class TexelChunk:
             smooth = _replace_columns(smooth, shape, torn, own_smooth) if self._frames.bumps else smooth
             side = _replace_columns(side, shape, torn, own_side)
             normal = side if flat else _replace_columns(normal, shape, torn, own_normal)
+        places = None if normal is side else self._find_places(rows, a, b, torn, chosen if len(torn) else None)
         sides = np.broadcast_to(side, shape).reshape(3, -1).T
         normals = sides if normal is side else np.broadcast_to(normal, shape).reshape(3, -1).T
         if not self._frames.bumps:
-            return Receivers(position.reshape(3, -1).T, normals, sides)
+            return Receivers(position.reshape(3, -1).T, normals, sides, places=places)
         bumped = np.tile(self.have_bumps(rows), len(points))
-        return Receivers(position.reshape(3, -1).T, normals, sides, bumped, np.broadcast_to(smooth, shape).reshape(3, -1).T)
+        return Receivers(position.reshape(3, -1).T, normals, sides, bumped, np.broadcast_to(smooth, shape).reshape(3, -1).T, places)
+
+    def _find_places(
+        self, rows: IntArray, a: Float32, b: Float32, torn: Int64, chosen: tuple[IntArray, FloatArray, FloatArray] | None
+    ) -> SmoothPlaces:
+        """Places of receivers_at, for the same points: coordinates a, b (k, m) of texels (m,), in other elements where these are torn."""
+        element = np.broadcast_to(rows, a.shape)
+        if chosen is not None:
+            element, a, b = element.copy(), a.copy(), b.copy()
+            element[:, torn], a[:, torn], b[:, torn] = chosen
+        element = element.ravel()
+        weight = self._footprints.weight.take(element, axis=2)
+        u, v = weight[0] + a.ravel() * weight[1] + b.ravel() * weight[2]
+        return SmoothPlaces(self._surfaces, self._footprints.tri[element], u, v, -1 if self._flip else 1)
 
 
 def each_chunk(

@@ -218,4 +218,4 @@ class EmitterPool:
         if len(textured):
             radiance[textured] = self.surfaces.emission.at(tri[textured], barycentric[textured, 0], barycentric[textured, 1])
         short = weight.astype(np.float32)
-        return Aim(direction, np.ones(len(cell), np.float32), short, short), radiance
+        return Aim(direction, np.ones(len(cell), np.float32), short, short, by_chance=True), radiance

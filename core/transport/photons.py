@@ -385,6 +385,9 @@ def _find_lit_behind(scene: TraceScene, arrived: Arrivals, cosine: _Rows, sky: B
     if sky is not None:
         rows = rows[~gather(sky, rows)]
     column = gather(scene.tri_smooth, gather(arrived.tri, rows))
+    # Where the normals differ, rays start on the smooth surface over the face, which then hides what is behind it.
+    is_even = np.abs(scene.smooth_frame[1:].take(column, axis=2)).max(axis=(0, 1)) < _SMOOTH_DEVIATION
+    rows, column = rows[is_even], column[is_even]
     shading = locate_hits(scene.smooth_frame, column, gather(arrived.u, rows), gather(arrived.v, rows))
     behind[rows] = _dot(shading, gather(arrived.direction, rows)) < 0
     return behind
