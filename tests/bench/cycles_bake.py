@@ -109,8 +109,8 @@ def bake_cycles(stage: Stage, samples: int, seed: int, parts: Set[str] = LIGHTIN
     out   (size, size, 4) float32, row 0 at the bottom; alpha is 0 where nothing was baked
     """
     stage.scene.cycles.samples = samples
-    # Seeds that differ in two bits, as 1 and 2 do, share some of their brightest paths: as the two renderings of a reference they had a third
-    # of their noise's variance in common, which counted as an error of every bake.
+    # Seeds that differ in two bits, as 1 and 2 do, share some of their brightest paths: as the two renderings of a reference they had a
+    # third of their noise's variance in common, which counted as an error of every bake.
     stage.scene.cycles.seed = int(np.random.SeedSequence(seed).generate_state(1)[0] >> 1)
     size = stage.image.size[0]
     stage.image.pixels.foreach_set(np.zeros(size * size * 4, np.float32))
