@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.scene.scene import TextureImage
 from .color_attributes import Faces
+from .image_files import no_threads
 from .images_read import ImageTable
 from .node_colors import WHITE, Color, to_rgb
 from .node_ports import Port, walk_sources
@@ -272,7 +273,8 @@ def _bake_emission(obj: Any, copies: _Copies) -> bool:
         selected_editable_objects=[obj],
     ):
         try:
-            return "FINISHED" in bpy.ops.object.bake(type="EMIT")
+            with no_threads():
+                return "FINISHED" in bpy.ops.object.bake(type="EMIT")
         except RuntimeError:  # with a report of what it lacks
             return False
 

@@ -21,6 +21,7 @@ from ...core.lights.environment_suns import Spot
 from ...core.util.arrays import FloatArray
 from ...core.util.digest import hash_pieces
 from ...core.util.geometry import orthonormal_basis
+from ..nodes.image_files import no_threads
 from ..nodes.node_ports import give_nodes
 from .world_cache import MapCache, print_light
 
@@ -125,7 +126,7 @@ class WorldBaker:
         view_layer = self._scene.view_layers[0]
         view_layer.update()
         chosen = {"object": ball, "active_object": ball, "selected_objects": [ball], "selected_editable_objects": [ball]}
-        with bpy.context.temp_override(scene=self._scene, view_layer=view_layer, **chosen):
+        with no_threads(), bpy.context.temp_override(scene=self._scene, view_layer=view_layer, **chosen):
             bpy.ops.object.bake(**what, margin=0, use_clear=True, target="IMAGE_TEXTURES", save_mode="INTERNAL")
         self._scene.collection.objects.unlink(ball)
         pixels = np.empty(size[0] * size[1] * 4, np.float32)

@@ -1,16 +1,20 @@
 """Image files are read without Blender to the same pixels, and no finer than is asked for."""
 
 import sys
+import threading
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from blend_rooms import make_material
+from blend_rooms import add_mesh, make_material
 from leaflight.addon.app.job import library_paths
-from leaflight.addon.nodes import image_files
+from leaflight.addon.nodes import image_files, socket_bake
 from leaflight.addon.nodes.images_read import ImageTable, read_pixels
+from leaflight.addon.read.export_scene import export_scene
 from leaflight.core.output import image_file
 
 
@@ -130,3 +134,37 @@ def test_what_blender_alone_knows_is_left_to_it(tmp_path, case):
     else:
         image.colorspace_settings.name = "Linear Rec.2020"
     assert image_files.find_source(image) == ""
+
+
+def test_no_image_is_read_while_cycles_bakes(tmp_path, monkeypatch):
+    """Blender crashes now and then where Python's threads run meanwhile; what was not read yet is read afterwards."""
+    read, finished, beside = image_files.read_file, [], []
+
+    def read_slowly(source, *how):
+        time.sleep(0.3)
+        finished.append(source)
+        return read(source, *how)
+
+    monkeypatch.setattr(image_files, "read_file", read_slowly)
+    monkeypatch.setattr(image_files, "_MOST_THREADS", 1)
+    floor = add_mesh("A floor", [(0, 0, -1), (1, 0, -1), (1, 1, -1)], [(0, 1, 2)])  # made first, it is read first
+    glow = make_material("Glow")
+    checker = glow.node_tree.nodes.new("ShaderNodeTexChecker")
+    glow.node_tree.links.new(checker.outputs["Color"], glow.node_tree.nodes["Principled BSDF"].inputs["Base Color"])
+    floor.data.materials.append(glow)
+    for number in range(8):
+        square = add_mesh(f"Square {number}", [(0, 0, number), (1, 0, number), (1, 1, number)], [(0, 1, 2)])
+        square.data.materials.append(wear(write_file(tmp_path / f"{number}.png", seed=number)))
+        square.data.uv_layers.new(name="UVMap")
+
+    def bake(**what):
+        beside.append(([thread.name for thread in threading.enumerate() if "PoolExecutor" in thread.name], len(finished)))
+        return bpy.ops.object.bake(**what)
+
+    operators = SimpleNamespace(object=SimpleNamespace(bake=bake))
+    monkeypatch.setattr(socket_bake, "bpy", SimpleNamespace(context=bpy.context, data=bpy.data, types=bpy.types, ops=operators))
+    export_scene(bpy.context)
+    assert beside
+    assert beside[0][1] < 8, "all were read before, so this shows nothing"
+    assert not any(names for names, _ in beside)
+    assert len(finished) == 8
