@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from random import Random
 
@@ -166,32 +166,40 @@ class Receivers:
         height   (n,) float32: of the ends of the directions over the face
         """
         assert self.places is not None
-        normal = self.normal if self.smooth is None else self.smooth
-        length = np.sqrt(np.maximum(dot_rows(aim.direction, aim.direction), np.float32(1e-30)))
-        over, facing = height / length, dot_rows(normal, aim.direction) / length
+        square = np.maximum(dot_rows(aim.direction, aim.direction), np.float32(1e-30))
+        rows = np.flatnonzero((aim.weight > 0) & (height * np.abs(height) < (2 * _SKIMMING) ** 2 * square))
+        rows = rows[self.places.are_smooth(rows)]
+        normal, length = self.normal if self.smooth is None else self.smooth, np.sqrt(square[rows])
+        over, facing = height[rows] / length, dot_rows(take_rows(normal, rows), take_rows(aim.direction, rows)) / length
         share = np.where(facing < _SKIMMING, 2 - (over + facing) / _SKIMMING, 1 - over / _SKIMMING)
-        rows = np.flatnonzero((aim.weight > 0) & (facing > 0) & (share > 0))
-        lifted = self.places.lift(rows) * np.minimum(share[rows], np.float32(1))[:, None]
-        is_flat = (over[rows] < 0) & (dot_rows(lifted, lifted) <= np.float32(ORIGIN_OFFSET) ** 2)
+        kept = np.flatnonzero((facing > 0) & (share > 0))
+        rows, over = rows[kept], over[kept]
+        lifted = self.places.lift(rows) * np.minimum(share[kept], np.float32(1))[:, None]
+        is_flat = (over < 0) & (dot_rows(lifted, lifted) <= np.float32(ORIGIN_OFFSET) ** 2)
         lifted[is_flat] = np.float32(-2 * ORIGIN_OFFSET) * take_rows(self.side, rows[is_flat])
         return rows, lifted
 
 
 @dataclass(frozen=True)
 class SmoothPlaces:
-    """Places (n,) on triangles (n,), at weights u, v (n,) float32 of corners 1 and 2.
+    """Places (n,) on elements of footprints (n,), at coordinates a, b (n,) float32.
 
     faces   1, or -1 on the backs of the triangles
     """
 
     surfaces: ReceivingSurfaces
-    tri: IntArray
-    u: Float32
-    v: Float32
+    footprints: TexelFootprints
+    element: IntArray
+    a: Float32
+    b: Float32
     faces: int
 
     def rows(self, index: IntArray) -> SmoothPlaces:
-        return SmoothPlaces(self.surfaces, self.tri[index], self.u[index], self.v[index], self.faces)
+        return replace(self, element=self.element[index], a=self.a[index], b=self.b[index])
+
+    def are_smooth(self, index: IntArray) -> BoolArray:
+        """(m,) bool: whether places (m,) are on triangles whose corners' normals differ from the geometric one."""
+        return self.surfaces.smooth[self.footprints.tri[self.element[index]]]
 
     def lift(self, index: IntArray) -> Float32:
         """(m, 3) float32, unit box: from places (m,) to the smooth surface through the corners of their triangles.
@@ -200,8 +208,10 @@ class SmoothPlaces:
         would rise above the planes at the corners.
         Source: Cycles' kernel, light/sample.h, of Blender 4.5; Hanika 2021, "Hacking the shadow terminator" (Ray Tracing Gems II, ch. 4).
         """
-        tri, second, third = self.tri[index], self.u[index], self.v[index]
-        first = 1 - second - third
+        element = self.element[index]
+        weight_at = self.footprints.weight.take(element, axis=2)
+        second, third = weight_at[0] + self.a[index] * weight_at[1] + self.b[index] * weight_at[2]
+        tri, first = self.footprints.tri[element], 1 - second - third
         corner = np.moveaxis(self.surfaces.corner_unit[tri], 1, 0)
         normal = np.moveaxis(self.surfaces.shading_normal[tri], 1, 0) * np.float32(self.faces)
         weight = np.stack([first, second, third])[:, :, None]
@@ -488,10 +498,7 @@ class TexelChunk:
         if chosen is not None:
             element, a, b = element.copy(), a.copy(), b.copy()
             element[:, torn], a[:, torn], b[:, torn] = chosen
-        element = element.ravel()
-        weight = self._footprints.weight.take(element, axis=2)
-        u, v = weight[0] + a.ravel() * weight[1] + b.ravel() * weight[2]
-        return SmoothPlaces(self._surfaces, self._footprints.tri[element], u, v, -1 if self._flip else 1)
+        return SmoothPlaces(self._surfaces, self._footprints, element.ravel(), a.ravel(), b.ravel(), -1 if self._flip else 1)
 
 
 def each_chunk(
