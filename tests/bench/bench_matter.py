@@ -71,8 +71,8 @@ A coat is a layer above all else but sheen, which is brightest along the surface
 glass by the path that light takes through the coat, and all else that is below by the mean path. Subsurface light leaves where it arrives.
 
 Where the normals of a face's corners face a lamp that stands behind the face, as leaves have them that are shaded like a ball, the lamp
-lights the face, as in Cycles; the sky and glowing meshes do not. Where the normals of its corners differ, shadow rays that skim the face start
-on the smooth surface over it, as with Cycles' *Shadow Terminator: Geometry Offset* at its default of 0.1.
+lights the face, as in Cycles; the sky and glowing meshes do not. Where the normals of its corners differ, shadow rays that skim the face
+start on the smooth surface over it, as with Cycles' *Shadow Terminator: Geometry Offset* at its default of 0.1.
 
 A material may let shadow rays pass and be glass for all others. That stands in for light that refracts: shadow rays bring it, and no
 caustic must bring it again. Leaflight counts it once. Cycles counts it twice unless *Refractive Caustics* are off, as they are in that row.
