@@ -195,7 +195,8 @@ class Solver:
         light, doubt, leaf = find_known(self._make_light(reading), self.tracing.texels)
         on_cells, cell_doubt = self.cell_tally.irradiance(self.tracing.cells)
         bright = find_bright(texel_shards.open_surfaces(str(self.folder)), light, on_cells.sum(axis=0))
-        return KnownLight(light, give_signs(doubt, leaf), on_cells, give_signs(cell_doubt), bright)
+        direct = np.ascontiguousarray(self.direct.irradiance.T)
+        return KnownLight(light, direct, give_signs(doubt, leaf), on_cells, give_signs(cell_doubt), bright)
 
     def _read_tallies(self) -> RadiositySolution:
         return RadiositySolution.of(self.tree, self.tally, self.rule, self.settings.hierarchical and uses("coefficient_shrinkage"))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,11 @@ from .hit_light import HitLight
 SIGNS = 4  # of the noise of each leaf and cell: by one alone, the noise of a few bright leaves may cancel by chance
 # Width over distance of a cell that covers as much as one ray represents, of the most rays that a texel sends in one pass.
 _WIDE_RAD = math.sqrt(2.0 * math.pi / STAGES[-1][1])
+# Width of a texel over the distance of a ray's origin, and over that texel's width, beyond which its mean light does not stand for what
+# the ray met: it fills a right angle.
+_COARSE = 2.0
+
+_Hit: TypeAlias = tuple[IntArray, Float32, Float32, Float32]  # triangle, u, v and distance in the unit box, (m,) each
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class KnownLight:
     """Light at all n texel entries that rays may meet, W/m^2.
 
     light           (3, n) float32: direct, and indirect by photons so far
+    direct          (3, n) float32: what of it is by shadow rays
     doubt           (k, n) float32: half of what one half of the photons tells more than the other, mean of channels; k times, each with
                     random signs for leaves: gathered light has the variance that is the mean square of what it gathers of these
     on_cells        (2, 3, n_cell) float32: light on sides without a lightmap by photons, indirect and straight from lamps
@@ -63,6 +70,7 @@ class KnownLight:
     """
 
     light: Float32
+    direct: Float32
     doubt: Float32
     on_cells: Float32
     cell_doubt: Float32
@@ -90,6 +98,7 @@ class GatherScene:
     passing         what they go on through, with what it lets pass
     mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
                     by photons
+    texel_width     (n,) float32, unit box; of whole texels, for each texel entry
     cell_width      (n_cell,) float32, unit box
     tri_two_sided   (n_tri,) bool: texels hold light of both sides
     tri_mapped      (n_tri,) bool: texels hold the light on its front alone
@@ -104,6 +113,7 @@ class GatherScene:
     surfaces: SurfaceMaterials
     texels: TexelMap
     cells: SurfaceCells
+    texel_width: Float32
     cell_width: Float32
     tri_two_sided: NDArray[np.bool_]
     tri_mapped: NDArray[np.bool_]
@@ -133,7 +143,7 @@ def gather_light(
     irradiance, variance = np.zeros((2, len(texel), 3), np.float32)
     doubt, traced = np.zeros((len(texel), len(known.doubt)), np.float32), 0
     for part, chunk in each_chunk(scene.receiving, scene.texels.footprints_at, texel, scene.tri_two_sided, rng, MOST_TEXELS // 2):
-        gathering = _Gathering(scene, known, targets, chunk, rng, n_ray)
+        gathering = _Gathering(scene, known, targets, chunk, scene.texel_width[texel[part]], rng, n_ray)
         every, nothing, all_rays = np.arange(len(chunk)), np.zeros((len(chunk), 3)), ((0, 2 * n_ray if len(targets) else n_ray),)
         # No texel stops early: by its own rays alone it would where they happen to meet nothing bright, which loses up to 1 % of the light.
         light, error, n = sample_adaptively(gathering.sample, every, Demand(0.0), nothing, all_rays)
@@ -170,9 +180,17 @@ class _Gathering:
     """
 
     def __init__(
-        self, scene: GatherScene, known: KnownLight, targets: Targets, chunk: TexelChunk, rng: np.random.Generator, n_ray: int
+        self,
+        scene: GatherScene,
+        known: KnownLight,
+        targets: Targets,
+        chunk: TexelChunk,
+        width: Float32,
+        rng: np.random.Generator,
+        n_ray: int,
     ) -> None:
-        self._scene, self._known, self._targets, self._chunk, self._rng, self._n_ray = scene, known, targets, chunk, rng, n_ray
+        self._scene, self._known, self._targets, self._chunk, self._width = scene, known, targets, chunk, width
+        self._rng, self._n_ray = rng, n_ray
         self._shift = random_shift(rng, len(chunk))
         self._on_hits = HitLight(scene.lights, rng)
         self._chances = targets.find_chances(chunk) if len(targets) else np.zeros((0, 0))
@@ -268,14 +286,14 @@ class _Gathering:
         direction: Float32,
         share: Float32,
         is_straight: NDArray[np.bool_],
-        hit: tuple[IntArray, Float32, Float32, Float32],
+        hit: _Hit,
     ) -> int:
         """Adds what rays (m,) of `rays` bring from the triangles they met; a share (3, m) of it comes to the texels.
 
         Returns how many shadow rays were traced.
         """
-        scene, known, rows, traced = self._scene, self._known, rays.rows, 0
-        tri, u, v, distance = hit
+        scene, rows, traced = self._scene, rays.rows, 0
+        tri, u, v, _ = hit
         x, y = scene.texels.hit_texel_xy(tri, u, v)
         entry = scene.texels.entry_of(tri, x, y)
         is_front = (direction * take_rows(scene.receiving.normal, tri)).sum(axis=1) < 0
@@ -290,13 +308,12 @@ class _Gathering:
         for facing, seen in ((is_front, albedo), (~is_front, through)):
             if seen is None:
                 continue
-            mapped, own_share = facing & has_texel, seen * share
-            bare = np.flatnonzero(~mapped & own_share.any(axis=0))
-            on_bare, bare_doubt, n_ray = self._light_bare(tri[bare], u[bare], v[bare], facing[bare], distance[bare])
-            traced += n_ray
-            mapped = np.flatnonzero(mapped)
-            at = entry[mapped]
-            for sides, light, doubt in ((mapped, known.light.take(at, axis=1), known.doubt.take(at, axis=1)), (bare, on_bare, bare_doubt)):
+            is_mapped, own_share = facing & has_texel, seen * share
+            mapped, bare = np.flatnonzero(is_mapped), np.flatnonzero(~is_mapped & own_share.any(axis=0))
+            on_texels = self._light_texels(_take_hit(hit, mapped), entry[mapped], self._width[rows[ray[mapped] % len(rows)]])
+            on_cells = self._light_cells(_take_hit(hit, bare), facing[bare])
+            for sides, (light, doubt, n_ray) in ((mapped, on_texels), (bare, on_cells)):
+                traced += n_ray
                 own, to = own_share[:, sides], place[sides]
                 carried, row = own.mean(axis=0) * doubt, ray[sides] % len(rows)
                 self.doubt[:, rows] += np.stack([np.bincount(row, one, len(rows)) for one in carried])
@@ -324,26 +341,47 @@ class _Gathering:
         weight[both] = 2 * by_cosine / np.maximum(by_cosine + by_aim, 1e-20)
         return weight
 
-    def _light_bare(
-        self, tri: IntArray, u: Float32, v: Float32, is_front: NDArray[np.bool_], distance: Float32
-    ) -> tuple[Float32, Float32, int]:
-        """Light (3, m) on fronts or backs of triangles (m,) without a lightmap, its doubt (k, m), W/m^2, and the number of rays traced.
+    def _light_texels(self, hit: _Hit, entry: IntArray, own_width: Float32) -> tuple[Float32, Float32, int]:
+        """Light (3, m) of texel entries (m,) that rays met, its doubt (k, m), W/m^2, and the number of shadow rays.
+
+        Texels of coarse ground have no shadow of what is small and near it. So where a texel is wider than the distance, and than the
+        texels from which the rays come, own_width (m,), direct light comes from shadow rays.
+        """
+        known, width = self._known, self._scene.texel_width[entry]
+        light, doubt = known.light.take(entry, axis=1), known.doubt.take(entry, axis=1)
+        near = np.flatnonzero((width > _COARSE * np.maximum(hit[3], own_width)) & uses("hit_light"))
+        direct, traced = self._light_directly(_take_hit(hit, near), np.ones(len(near), bool))
+        light[:, near] += direct - known.direct.take(entry[near], axis=1)
+        return light, doubt, traced
+
+    def _light_cells(self, hit: _Hit, is_front: NDArray[np.bool_]) -> tuple[Float32, Float32, int]:
+        """As _light_texels, on fronts or backs (m,) of triangles without a lightmap.
 
         Direct light comes from shadow rays where a cell covers a larger part of the texel's view than one ray represents: such a cell
         would blur shadows, and several rays would meet the same noise.
         """
-        known, receiving = self._known, self._scene.receiving
+        known, (tri, u, v, distance) = self._known, hit
         cell = self._scene.cells.find(tri, is_front, u, v)
         light, doubt = known.on_cells[0].take(cell, axis=1), known.cell_doubt[:, 0].take(cell, axis=1)
         is_near = (self._scene.cell_width[cell] > _WIDE_RAD * distance) & uses("hit_light")
         near, far = np.flatnonzero(is_near), np.flatnonzero(~is_near)
         light[:, far] += known.on_cells[1].take(cell[far], axis=1)
         doubt[:, far] += known.cell_doubt[:, 1].take(cell[far], axis=1)
-        if not len(near):
-            return light, doubt, 0
-        tri, side = tri[near], np.where(is_front[near], np.float32(1), np.float32(-1))
-        normal = (take_rows(receiving.normal, tri).T * side).T
-        position = offset_origin(receiving.place(tri, u[near], v[near]), normal).astype(np.float32)
-        direct, traced = self._on_hits.find_light(Receivers(position, normal, normal), tri)
-        light[:, near] += direct.T
+        direct, traced = self._light_directly(_take_hit(hit, near), is_front[near])
+        light[:, near] += direct
         return light, doubt, traced
+
+    def _light_directly(self, hit: _Hit, is_front: NDArray[np.bool_]) -> tuple[Float64, int]:
+        """Direct light (3, m), W/m^2, by shadow rays from fronts or backs (m,) of triangles, and the number of rays."""
+        (tri, u, v, _), receiving = hit, self._scene.receiving
+        if not len(tri):
+            return np.zeros((3, 0)), 0
+        normal = (take_rows(receiving.normal, tri).T * np.where(is_front, np.float32(1), np.float32(-1))).T
+        position = offset_origin(receiving.place(tri, u, v), normal).astype(np.float32)
+        direct, traced = self._on_hits.find_light(Receivers(position, normal, normal), tri)
+        return direct.T, traced
+
+
+def _take_hit(hit: _Hit, rows: IntArray) -> _Hit:
+    tri, u, v, distance = hit
+    return tri[rows], u[rows], v[rows], distance[rows]

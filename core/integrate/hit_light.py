@@ -1,4 +1,5 @@
-"""Direct light at single points, where gather rays meet surfaces without a lightmap: one shadow ray to a light of each kind.
+"""Direct light at single points, where gather rays meet surfaces without a lightmap, or with a coarse one: one shadow ray to a light of
+each kind.
 
 Of the lights that texels sample one by one, one is chosen with a probability proportional to its unoccluded irradiance times the share of
 earlier rays that found it visible. Lamps of a crowd and emitting triangles of a pool are chosen by their importance; directions of an

@@ -13,12 +13,12 @@ import numpy as np
 
 from ..parallel import shared_arrays
 from ..parallel.folders import keep_scene_open, keep_view_open
-from ..texels.texel_map import FOOTPRINT_SIDE
+from ..texels.texel_map import FOOTPRINT_SIDE, TexelMap
 from ..texels.tiles import Tiles
 from ..transport.traced_scene import open_tracing
 from ..util import sampling
 from ..util.ablation import uses
-from ..util.arrays import IntArray
+from ..util.arrays import Float32, IntArray
 from ..util.coverage import as_slice
 from . import direct, gather
 from .bright_places import PlacedSurfaces, Targets
@@ -123,7 +123,15 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
         surfaces=scene.surfaces,
         texels=tracing.texels,
         cells=tracing.cells,
+        texel_width=_find_texel_widths(tracing.texels, tracing.unit_box.scale),
         cell_width=(np.sqrt(tracing.cells.area_m2) * tracing.unit_box.scale).astype(np.float32),
         tri_two_sided=direct_scene.tri_two_sided,
         tri_mapped=scene.tri_lit_below == 0,
     )
+
+
+def _find_texel_widths(texels: TexelMap, scale: float) -> Float32:
+    """(n,) float32, unit box: sides of whole texels in each texel entry's chart, for those at its border are cut off."""
+    area = np.zeros(len(texels.chart_page))
+    np.maximum.at(area, texels.texel_chart, texels.texel_area)
+    return (np.sqrt(area) * scale).astype(np.float32)[texels.texel_chart]

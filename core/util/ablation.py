@@ -34,7 +34,7 @@ MECHANISMS = {
     "block_agreement": "the first rays of 16 neighbours have to agree before any of them stops",
     # indirect light by rays
     "bright_places": "as many gather rays again are aimed at bright places",
-    "hit_light": "on wide cells near a texel direct light comes from shadow rays, not from the photons in the cell",
+    "hit_light": "on texels and cells that are wide beside their distance direct light comes from shadow rays at the hit",
     "surface_cells": "sides without a lightmap keep their light in cells; without them, one value for a triangle's side",
     "batches": "batches of further rays grow geometrically",
     # photons

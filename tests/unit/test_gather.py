@@ -38,12 +38,19 @@ def gather_all(folder, scene, light=2.0, on_sides=0.0, **knobs):
     return gather_known(solver, know(solver, every, np.full(n_texel, 0.5, np.float32), on_sides), **knobs), solver
 
 
-def know(solver, light, doubt, on_sides=0.0):
+def know(solver, light, doubt, on_sides=0.0, direct=None):
     n_cell = len(solver.tracing.cells)
     on_cells = np.zeros((2, 3, n_cell), np.float32)
     on_cells[0] = on_sides
     bright = find_bright(texel_shards.open_surfaces(str(solver.folder)), light, on_cells.sum(axis=0))
-    return gather.KnownLight(light, np.tile(doubt, (2, 1)), on_cells, np.zeros((2, 2, n_cell), np.float32), bright)
+    return gather.KnownLight(
+        light,
+        np.zeros_like(light) if direct is None else direct,
+        np.tile(doubt, (2, 1)),
+        on_cells,
+        np.zeros((2, 2, n_cell), np.float32),
+        bright,
+    )
 
 
 def gather_known(solver, known, texel=None, n_ray=64, seed=1):
@@ -236,6 +243,27 @@ def test_rays_below_the_face_see_nothing(tmp_path):
     assert found.irradiance_rgb[~on_floor] == pytest.approx(1.0, rel=1e-5)
 
 
+def test_what_is_near_coarse_ground_sees_its_own_shadow_there(tmp_path):
+    """A plate below the sun, 2 cm above a floor whose texels are wider: below it the floor is dark, and it sees hardly anything else."""
+    floor, plate = quad_mesh("Floor", 8.0, 8.0), quad_mesh("Plate", 0.2, 0.2)
+    plate = moved(replace(plate, polygons=[[3, 2, 1, 0]]), (3.93, 3.95, 0.02))
+    sun = Light("SUN", "Sun", power_rgb=(2.0, 2.0, 2.0))
+    scene = make_scene([floor, plate], [sun], [Material("White", (1.0,) * 3)])
+    fine, coarse = replace(scene.objects[1], density_factor=16.0), scene.objects[0]
+    solver = make_solver(tmp_path, replace(scene, objects=(coarse, fine)), SETTINGS, begun=False)
+    texels = solver.tracing.texels
+    on_plate = texels.texel_tri >= 2
+    assert 8 < np.sqrt(texels.texel_area[~on_plate].max() / texels.texel_area[on_plate].max()) < 32
+    direct = np.where(on_plate, np.float32(0), np.float32(2)) * np.ones((3, 1), np.float32)
+    known = know(solver, direct + np.float32(0.25) * ~on_plate, np.zeros(len(texels), np.float32), direct=direct)
+    found = gather_known(solver, known)
+    inner = on_plate & (np.abs(places_of(solver)[:, :2] - (4.03, 4.05)).max(axis=1) < 0.03)
+    assert inner.sum() > 8
+    # By the closed form of a square's form factor a point of this part sees 0.958 to 0.968 of its light from the shadow. Of that 0.02 to
+    # 0.05 is farther than half a texel of the floor, whose mean stands for it there.
+    assert found.irradiance_rgb[inner].mean(axis=0) == pytest.approx(np.full(3, 0.25 + 2.0 * 0.036), abs=0.05)
+
+
 def test_a_face_without_texels_sends_the_light_of_its_cells(tmp_path):
     """Half of a sheet is folded to a line in its layer; a ceiling lies close above."""
     vertex = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
@@ -283,7 +311,7 @@ class Lit:
         on_cells[:, :, (is_front == front) & (scene.tri_object[tri] == 1)] = 60.0
         bright = find_bright(self.surfaces, np.tile(light, (3, 1)), on_cells.sum(axis=0))
         doubt = np.zeros((1, len(every)), np.float32), np.zeros((1, *on_cells.shape[::2]), np.float32)
-        self.known = gather.KnownLight(np.tile(light, (3, 1)), doubt[0], on_cells, doubt[1], bright)
+        self.known = gather.KnownLight(np.tile(light, (3, 1)), np.zeros((3, len(light)), np.float32), doubt[0], on_cells, doubt[1], bright)
 
     @property
     def surfaces(self):
