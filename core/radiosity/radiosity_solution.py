@@ -11,6 +11,7 @@ from ..util.arrays import Float64, Int64
 from . import basis, refine, tally
 from .coefficient_shrinkage import shrink_leaves
 from .quadtree import Quadtree
+from .scarce_charts import ChartOrder, share_light
 from .tally import Solution, Tally, Totals
 
 _TINY = float(np.finfo(float).tiny)
@@ -39,11 +40,12 @@ class RadiositySolution:
     freedom: Float64
 
     @classmethod
-    def of(cls, tree: Quadtree, counted: Tally, rule: refine.Rule, shrink: bool) -> RadiositySolution:
+    def of(cls, tree: Quadtree, counted: Tally, rule: refine.Rule, shrink: bool, charts: ChartOrder | None = None) -> RadiositySolution:
         """The solution from the tally of a tree's nodes.
 
         rule     selects the nodes to compare
         shrink   whether slopes of leaves are shrunk by their noise
+        charts   those that few photons meet share light in this order; None for not at all
         """
         totals = tally.accumulate(tree, counted)
         compared = np.flatnonzero(refine.find_comparable(tree, totals, rule.stability))
@@ -54,7 +56,11 @@ class RadiositySolution:
         variance = solution.variance * _compare_halves(tree, solution, leaves)
         gram = basis.gram_matrix(tree.moment[leaves], tree.degree)
         freedom = (shown.project[leaves] * gram).sum(axis=(1, 2))
-        return cls(tree, totals, replace(solution, variance=variance), comparison, leaves, freedom)
+        solution = replace(solution, variance=variance)
+        if charts is not None:
+            solution, scarce = share_light(tree, totals.received, leaves, solution, charts)
+            freedom[np.isin(leaves, scarce)] = 1.0
+        return cls(tree, totals, solution, comparison, leaves, freedom)
 
     @cached_property
     def mean(self) -> Float64:

@@ -16,6 +16,7 @@ VARIABLE = "LEAFLIGHT_WITHOUT"
 MECHANISMS = {
     # light on leaves
     "coefficient_shrinkage": "slopes of leaves are shrunk by how noisy they are",
+    "scarce_charts": "charts that hardly any photon meets share their light with those beside them",
     "grain_filter": "noise of photons and of rays is averaged by non-local means (--no-denoise)",
     "seams": "light is matched across seams by least squares (--no-seams)",
     # where charts and trees are cut
