@@ -98,7 +98,7 @@ class GatherScene:
     passing         what they go on through, with what it lets pass
     mirrors         what reflects them specularly, or bends them: light that comes from lamps that way alone is not gathered, but deposited
                     by photons
-    texel_width     (n,) float32, unit box; of whole texels, for each texel entry
+    texel_width     (n,) float32, unit box: of whole texels of its object, for each texel entry
     cell_width      (n_cell,) float32, unit box
     tri_two_sided   (n_tri,) bool: texels hold light of both sides
     tri_mapped      (n_tri,) bool: texels hold the light on its front alone

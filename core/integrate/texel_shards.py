@@ -123,15 +123,16 @@ def _open_gather_scene(folder: str) -> gather.GatherScene:
         surfaces=scene.surfaces,
         texels=tracing.texels,
         cells=tracing.cells,
-        texel_width=_find_texel_widths(tracing.texels, tracing.unit_box.scale),
+        texel_width=_find_texel_widths(tracing.texels, tracing.snapshot.tri_object, tracing.unit_box.scale),
         cell_width=(np.sqrt(tracing.cells.area_m2) * tracing.unit_box.scale).astype(np.float32),
         tri_two_sided=direct_scene.tri_two_sided,
         tri_mapped=scene.tri_lit_below == 0,
     )
 
 
-def _find_texel_widths(texels: TexelMap, scale: float) -> Float32:
-    """(n,) float32, unit box: sides of whole texels in each texel entry's chart, for those at its border are cut off."""
-    area = np.zeros(len(texels.chart_page))
-    np.maximum.at(area, texels.texel_chart, texels.texel_area)
-    return (np.sqrt(area) * scale).astype(np.float32)[texels.texel_chart]
+def _find_texel_widths(texels: TexelMap, tri_object: IntArray, scale: float) -> Float32:
+    """(n,) float32, unit box: sides of whole texels of each entry's object, the largest, for those at borders of charts are cut."""
+    owner = tri_object[texels.texel_tri]
+    area = np.zeros(int(owner.max(initial=-1)) + 1)
+    np.maximum.at(area, owner, texels.texel_area)
+    return (np.sqrt(area) * scale).astype(np.float32)[owner]
