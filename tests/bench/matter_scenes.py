@@ -415,6 +415,7 @@ _WORDS = "mirror", "metal,", "metal by", "metal mixed", "half metal", "Metallic"
 CAUSTICS = {name for name in SCENES if any(word in name for word in _WORDS) and not any(word in name for word in ("sky", "shadow"))}
 # Samples of these, as a multiple of the others'.
 NOISY = {
+    "mirror": 128,
     "glass ball, area lamp": 32,
     "Refraction BSDF": 32,
     "lampshade": 32,
