@@ -29,13 +29,13 @@ from ..integrate.gather import KnownLight, give_signs
 from ..integrate.gathered import GatheredField
 from ..integrate.light_field import LightField
 from ..integrate.texel_light import find_known
+from ..lights.stratified_choice import sort_by_place
 from ..parallel.executors import ShardExecutor
 from ..radiosity import basis, quadtree, refine, tally
 from ..radiosity.cell_tally import CellTally
 from ..radiosity.radiosity_solution import RadiositySolution
 from ..radiosity.scarce_charts import ChartOrder
 from ..radiosity.tally import Tally
-from ..scene.morton import code_places, find_facing
 from ..texels.error_metric import ErrorMetric
 from ..transport import rounds, traced_scene
 from ..transport.energy_audit import Ledger
@@ -201,21 +201,18 @@ class Solver:
         return KnownLight(light, direct, give_signs(doubt, leaf), on_cells, give_signs(cell_doubt), bright)
 
     def _read_tallies(self) -> RadiositySolution:
-        settings, charts = self.settings, self._chart_order if self.settings.direct == "rays" and uses("scarce_charts") else None
-        shrink = settings.hierarchical and uses("coefficient_shrinkage")
-        return RadiositySolution.of(self.tree, self.tally, self.rule, shrink, charts)
+        shrink = self.settings.hierarchical and uses("coefficient_shrinkage")
+        shares = self.settings.direct == "rays" and uses("scarce_charts")
+        return RadiositySolution.of(self.tree, self.tally, self.rule, shrink, self._chart_order if shares else None)
 
     @cached_property
     def _chart_order(self) -> ChartOrder:
         """The charts by object, by the axis that they face, and by place along a Morton curve."""
-        texels, snapshot = self.tracing.texels, self.tracing.snapshot
+        texels, receiving = self.tracing.texels, texel_shards.open_surfaces(str(self.folder)).receiving
         tri = texels.texel_tri[np.minimum(texels.chart_start[:-1], len(texels) - 1)]
-        low, high = snapshot.tri_position.min(axis=(0, 1)), snapshot.tri_position.max(axis=(0, 1))
-        place = (snapshot.tri_position[tri].mean(axis=1) - low) / max(float((high - low).max()), 1e-300)
-        order = np.lexsort((code_places((place * 1023).astype(np.int64)), find_facing(snapshot.tri_normal[tri].mean(axis=1))))
-        rank = np.empty(len(order), np.int64)
-        rank[order] = np.arange(len(order))
-        return ChartOrder(rank, snapshot.tri_object[tri].astype(np.int64))
+        third = np.full(len(tri), 1 / 3, np.float32)
+        rank = np.argsort(sort_by_place(receiving.place(tri, third, third), receiving.normal[tri]))
+        return ChartOrder(rank, self.tracing.snapshot.tri_object[tri].astype(np.int64))
 
     def _trace_round(self, stated: error_estimate.StatedError | None) -> None:
         view = self._save_view(self.round)

@@ -1,7 +1,7 @@
 """Light on charts that few photons meet, which share it with charts beside them.
 
 The variance of a photon's flux over an area goes as one over the area. A chart of a single small texel has no larger node to fall back on:
-one photon that a mirror throws there makes it hundreds of times too bright, and makes up most of the error that a bake states. So such
+one photon that a mirror throws there makes it far too bright, and may be most of the error that a bake states. So such
 charts are joined in order of place until some photons are among them, as if they were one leaf of a constant function.
 """
 

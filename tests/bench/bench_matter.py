@@ -123,7 +123,10 @@ def compare(name: str, size: int, samples: int) -> tuple[LightmapErrors, float, 
         how = [samples, PARTS.get(name, 1), Path(cycles_bake.__file__).read_text(encoding="utf-8")]
         first, second = recall(name, [*what, *how], lambda: bake_reference(name, blend, size, samples))
     baked = (first[..., 3] > 0) & (ours[..., 3] > 0)
-    baked &= np.isfinite(first + second).all(axis=-1)  # of millions of samples of a mirror Cycles makes one not a number
+    is_number = np.isfinite(first + second).all(axis=-1)  # of millions of samples of a mirror Cycles makes one not a number
+    if (baked & ~is_number).sum() > baked.sum() / 100:
+        raise RuntimeError(f"{name}: Cycles' light is not a number in more than a hundredth of the texels")
+    baked &= is_number
     value, one, two = (pixels[baked][:, :3] for pixels in (ours, first, second))
     return measure_errors(value, one, two, noisy=True), float(2 * value.mean() / (one.mean() + two.mean())), ours, (first + second) / 2
 

@@ -13,13 +13,18 @@ from scenes import join_meshes, make_scene, moved, quad_mesh
 
 
 @pytest.fixture
-def solved(tmp_path):
-    """The tree of a floor and of two objects of 40 scraps each, with one photon on a scrap and many on the floor."""
+def solver(tmp_path):
+    """Of a floor and of two objects of 40 scraps each."""
     scraps = [moved(quad_mesh(f"Scrap {k}", 0.02, 0.02), (0.04 * (k % 8), 0.04 * (k // 8), 0.1)) for k in range(40)]
     near, far = join_meshes("Near", *scraps), moved(join_meshes("Far", *scraps), (0.5, 0.5, 0.0))
     lamp = Light("POINT", "Lamp", (0.5, 0.5, 0.8), power_rgb=(1.0, 1.0, 1.0))
     scene = make_scene([quad_mesh("Floor"), near, far], [lamp], [Material("Grey", (0.5,) * 3)])
-    solver = make_solver(tmp_path, scene, Settings(even_out=False, size=128, padding=1), begun=False)
+    return make_solver(tmp_path, scene, Settings(even_out=False, size=128, padding=1), begun=False)
+
+
+@pytest.fixture
+def solved(solver):
+    """Its tree, with one photon on a scrap and many on the floor."""
     tree, owner = solver.tree, solver._chart_order.owner
     leaves = np.flatnonzero(tree.parent < 0)
     counted, scrap = tally.Tally.empty(len(tree), tree.degree), leaves[owner[tree.chart[leaves]] == 1][7]
@@ -28,7 +33,7 @@ def solved(tmp_path):
     for node, count in ((scrap, 1), (floor, 900)):
         counted.count[node], counted.weight2[:, node] = count, count
         counted.raw[0, 1, :, 0, node] = count
-    totals = tally.accumulate(tree, counted)
+    solver.tally, totals = counted, tally.accumulate(tree, counted)
     return tree, totals, leaves, tally.solve_tallies(tree, totals, leaves), solver._chart_order, scrap, floor
 
 
@@ -70,3 +75,12 @@ def test_a_part_of_a_chart_keeps_its_own_light(solved):
     after, scarce = share_light(replace(tree, chart=chart), totals.received, leaves, before, order)
     assert scrap not in scarce
     np.testing.assert_array_equal(after.flux, before.flux)
+
+
+def test_a_bake_by_rays_shares_it_and_the_published_method_does_not(solver, solved):
+    tree, _, leaves, before, order, scrap, _ = solved
+    scraps = leaves[order.owner[tree.chart[leaves]] == 1]
+    shared = solver._read_tallies()
+    assert shared.solution.flux[0, scraps] / tree.area[scraps] == pytest.approx(before.flux[0, scrap] / tree.area[scraps].sum())
+    solver.settings = replace(solver.settings, direct="photons")
+    assert np.count_nonzero(solver._read_tallies().solution.flux[0, scraps]) == 1
